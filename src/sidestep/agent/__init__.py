@@ -1,0 +1,1 @@
+"""DARP itself: a dueling deep Q-network with prioritised replay that learns by walking."""

@@ -1,0 +1,125 @@
+"""Prioritised experience replay (Schaul et al. 2016) on a sum tree.
+
+The tree is wide instead of binary: every inner number is the sum of ``FANOUT`` below it, so that 10⁴ leaves need three
+levels instead of fourteen, and each level is one small gather and one small product.
+"""
+
+from typing import Generic, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PyTree
+
+FANOUT = 32
+Item = TypeVar("Item", bound=PyTree)
+
+
+class SumTree(eqx.Module):
+    """Non-negative numbers that can be changed, and drawn in proportion, in logarithmic time."""
+
+    levels: tuple[Float[Array, "block fanout"], ...]  # from the root's children down to the leaves
+
+    @property
+    def total(self) -> Float[Array, ""]:
+        """Sum of all leaves."""
+        return jnp.sum(self.levels[0])
+
+    def get(self, leaf: Int[Array, " n"]) -> Float[Array, " n"]:
+        """Values of leaves."""
+        return self.levels[-1].reshape(-1)[leaf]
+
+    def set(self, leaf: Int[Array, " n"], value: Float[Array, " n"]) -> "SumTree":
+        """Give leaves new values; where one is named twice, one of its values is kept."""
+        levels = list(self.levels)
+        index = leaf
+        for depth in reversed(range(len(levels))):
+            block, child = index // FANOUT, index % FANOUT
+            levels[depth] = levels[depth].at[block, child].set(value)
+            index, value = block, jnp.sum(levels[depth][block], axis=1)
+        return SumTree(tuple(levels))
+
+    def find(self, mass: Float[Array, " n"]) -> Int[Array, " n"]:
+        """The leaf under each cumulative mass in [0, total): leaf i holds [sum of those before, plus its own)."""
+        block = jnp.zeros_like(mass, dtype=jnp.int32)
+        ones = jnp.triu(jnp.ones((FANOUT, FANOUT)))
+        for level in self.levels:
+            up_to = level[block] @ ones
+            # Rounding may put the mass a hair above what is there; a leaf of value zero must not be drawn.
+            mass = jnp.minimum(mass, up_to[:, -1] * (1 - 1e-6))
+            child = jnp.argmax(up_to > mass[:, None], axis=1)
+            before = jnp.where(child > 0, jnp.take_along_axis(up_to, jnp.maximum(child - 1, 0)[:, None], 1)[:, 0], 0.0)
+            mass = mass - before
+            block = block * FANOUT + child.astype(jnp.int32)
+        return block
+
+
+def sum_tree(leaves: int) -> SumTree:
+    """A tree of zeros."""
+    shapes = []
+    while True:
+        blocks = -(-leaves // FANOUT)
+        shapes.append((blocks, FANOUT))
+        if blocks == 1:
+            return SumTree(tuple(jnp.zeros(shape) for shape in reversed(shapes)))
+        leaves = blocks
+
+
+class Replay(eqx.Module, Generic[Item]):
+    """A ring of the latest items with a priority each."""
+
+    items: Item  # each leaf [capacity, ...]
+    priorities: SumTree
+    added: Int[Array, ""]  # items ever added
+    highest: Float[Array, ""]  # highest priority so far; new items get it
+    capacity: int = eqx.field(static=True)
+
+
+def empty_replay(item: Item, capacity: int) -> Replay[Item]:
+    """A replay for items like ``item``, which only gives shapes and types."""
+    items = jax.tree.map(lambda leaf: jnp.zeros((capacity, *leaf.shape), leaf.dtype), item)
+    return Replay(items, sum_tree(capacity), jnp.int32(0), jnp.float32(1.0), capacity)
+
+
+def add(replay: Replay[Item], batch: Item, count: int) -> Replay[Item]:
+    """Add ``count`` items, which must divide the capacity so that none wraps round."""
+    if replay.capacity % count:
+        raise ValueError(f"a replay of {replay.capacity} items cannot be filled {count} at a time")
+    start = replay.added % replay.capacity
+    items = jax.tree.map(
+        lambda ring, new: jax.lax.dynamic_update_slice_in_dim(ring, new, start, 0), replay.items, batch
+    )
+    priorities = replay.priorities.set(start + jnp.arange(count), jnp.broadcast_to(replay.highest, count))
+    return Replay(items, priorities, replay.added + count, replay.highest, replay.capacity)
+
+
+def sample(
+    replay: Replay[Item], uniform: Float[Array, " n"], beta: Float[Array, ""] | float
+) -> tuple[Int[Array, " n"], Item, Float[Array, " n"]]:
+    """Draw items in proportion to their priorities, one from each of n equal strata of the total.
+
+    Returns their places, the items, and importance weights (N P(i))^-β over the largest in the batch.
+    """
+    count = uniform.shape[0]
+    total = replay.priorities.total
+    place = replay.priorities.find((jnp.arange(count) + uniform) / count * total)
+    probability = replay.priorities.get(place) / total
+    size = jnp.minimum(replay.added, replay.capacity)
+    return place, jax.tree.map(lambda leaf: leaf[place], replay.items), importance(probability, size, beta)
+
+
+def importance(
+    probability: Float[Array, " n"], size: Int[Array, ""], beta: Float[Array, ""] | float
+) -> Float[Array, " n"]:
+    """Importance weights (N P(i))^-β, scaled so that the largest is 1."""
+    weight = (size * probability) ** -beta
+    return weight / jnp.max(weight)
+
+
+def reprioritise(
+    replay: Replay[Item], place: Int[Array, " n"], td_error: Float[Array, " n"], alpha: float, floor: float
+) -> Replay[Item]:
+    """Give items the priority (abs(δ) + floor)^α; with α = 0 every item keeps 1, which is uniform replay."""
+    priority = (jnp.abs(td_error) + floor) ** alpha
+    highest = jnp.maximum(replay.highest, jnp.max(priority))
+    return Replay(replay.items, replay.priorities.set(place, priority), replay.added, highest, replay.capacity)

@@ -1,0 +1,80 @@
+"""Reset, step, reward and end of an episode, for one walker."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from sidestep.environment.types import EnvParams, EnvState, Instance, Observation, Outcome
+from sidestep.travel_time import crossing_time_in
+
+
+def observe(params: EnvParams, state: EnvState) -> Observation:
+    """See what level ``position`` sees."""
+    network = params.network
+    return Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0)
+
+
+def reset(params: EnvParams, instance: Instance) -> tuple[EnvState, Observation]:
+    """Put a walker at its origin at its departure."""
+    state = EnvState(instance.origin, instance.departure, instance)
+    return state, observe(params, state)
+
+
+def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[EnvState, Outcome]:
+    """Walk to the next crossing.
+
+    An exit that does not exist is replaced by the next one that does, counting upwards and round (the paper lets the
+    agent "select another"). The episode terminates on arrival; it is truncated, not terminated, at the horizon.
+    """
+    network = params.network
+    way = existing_exit(network.exit_node[state.node], action)
+    segment, node = network.exit_segment[state.node, way], network.exit_node[state.node, way]
+    seconds = segment_seconds(params, state.instance.crowd, segment, state.clock)
+    after = EnvState(node, state.clock + seconds, state.instance)
+    arrived = node == state.instance.destination
+    outcome = Outcome(
+        observation=observe(params, after),
+        reward=reward(params, state, after),
+        seconds=seconds,
+        terminated=arrived,
+        truncated=~arrived & (after.clock - state.instance.departure >= params.horizon),
+    )
+    return after, outcome
+
+
+def reward(params: EnvParams, before: EnvState, after: EnvState) -> Float[Array, ""]:
+    """Reward of eq. 13 as corrected: minus the crossing time, plus the progress, plus the bonus of arriving."""
+    weights, destination = params.reward, before.instance.destination
+    progress = params.network.straight_line(before.node, destination) - params.network.straight_line(
+        after.node, destination
+    )
+    arrived = after.node == destination
+    return (before.clock - after.clock) / weights.unit_seconds + weights.progress * progress + weights.bonus * arrived
+
+
+def segment_seconds(
+    params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Seconds to cross a segment that is entered at ``clock`` in one of the crowds."""
+    field = params.crowds
+    return crossing_time_in(
+        field.speed[crowd, segment],
+        field.covered[crowd, segment],
+        field.slot_seconds,
+        params.network.length[segment],
+        clock,
+        params.rule,
+    )
+
+
+def existing_exit(exit_node: Int[Array, " exit"], action: Int[Array, ""]) -> Int[Array, ""]:
+    """The exit ``action``, or the next one round that exists."""
+    exits = exit_node.shape[0]
+    distance = jnp.mod(jnp.arange(exits) - action, exits)
+    return jnp.argmin(jnp.where(exit_node >= 0, distance, exits))
+
+
+def random_exit(valid: Bool[Array, " exit"], uniform: Float[Array, ""]) -> Int[Array, ""]:
+    """A uniformly random valid exit from a uniform number in [0, 1)."""
+    count = jnp.sum(valid)
+    nth = jnp.minimum((uniform * count).astype(jnp.int32), count - 1)
+    return jnp.argmax(jnp.cumsum(valid) > nth)

@@ -1,0 +1,60 @@
+"""Whole walks: a decision rule applied from origin to destination."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Key
+
+from sidestep.environment.dynamics import reset, step
+from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
+
+Decide = Callable[[Observation, Key[Array, ""]], Int[Array, ""]]  # which exit to take
+
+
+Carry = tuple[
+    Bool[Array, ""],
+    Bool[Array, ""],
+    Int[Array, ""],
+    EnvState,
+    Observation,
+    Int[Array, " trace"],
+    Float[Array, " trace"],
+]  # over, arrived, steps, where the walker is, what it sees, the trace
+
+
+class Walk(eqx.Module):
+    """How a walk went. The trace is padded with the last node and clock; it is empty unless asked for."""
+
+    seconds: Float[Array, ""]  # travel time; the horizon where the walk did not arrive
+    arrived: Bool[Array, ""]
+    steps: Int[Array, ""]
+    nodes: Int[Array, " trace"]
+    clocks: Float[Array, " trace"]
+
+
+def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, ""], trace: int = 0) -> Walk:
+    """Walk until arrival or the horizon, deciding at every crossing.
+
+    ``trace`` is the number of nodes to remember, the origin included.
+    """
+    start, observation = reset(params, instance)
+    nodes = jnp.full(trace, instance.origin, jnp.int32)
+    clocks = jnp.full(trace, instance.departure)
+    arrived = instance.origin == instance.destination
+
+    def onward(carry: Carry) -> Carry:
+        _, _, steps, state, observation, nodes, clocks = carry
+        action = decide(observation, jax.random.fold_in(key, steps))
+        state, outcome = step(params, state, action)
+        later = jnp.arange(trace) > steps
+        nodes, clocks = jnp.where(later, state.node, nodes), jnp.where(later, state.clock, clocks)
+        done = outcome.terminated | outcome.truncated
+        return done, outcome.terminated, steps + 1, state, outcome.observation, nodes, clocks
+
+    _, arrived, steps, end, _, nodes, clocks = jax.lax.while_loop(
+        lambda carry: ~carry[0], onward, (arrived, arrived, jnp.int32(0), start, observation, nodes, clocks)
+    )
+    seconds = jnp.where(arrived, end.clock - instance.departure, params.horizon)
+    return Walk(seconds, arrived, steps, nodes, clocks)

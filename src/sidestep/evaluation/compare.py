@@ -1,0 +1,171 @@
+"""Walk the same maps, crowds and departures with every planner."""
+
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from sidestep.environment.dynamics import reset
+from sidestep.environment.types import EnvParams, Instance
+from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, summarise
+from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
+from sidestep.planners.random_walk import RandomProgress, RandomWalk
+from sidestep.planners.search import Clairvoyant, Expected
+from sidestep.planners.shortest_path import ShortestPath
+from sidestep.scenarios import CrowdedMap, Scenario, draw_map, environment, instances, purpose_key
+
+PlannerFactory = Callable[[CrowdedMap], Planner | None]  # None: this planner skips the map, and all maps after it
+BASELINES: dict[str, PlannerFactory] = {
+    RandomWalk.name: lambda _: RandomWalk(),
+    RandomProgress.name: lambda _: RandomProgress(),
+    ShortestPath.name: lambda _: ShortestPath(),
+    Expected.name: lambda _: Expected(),
+    Clairvoyant.name: lambda _: Clairvoyant(),
+}
+
+
+class PlannerError(ValueError):
+    """A planner that is not known."""
+
+
+@dataclass(frozen=True)
+class Walked:
+    """One planner on one map."""
+
+    planner: Planner
+    minutes: Float[np.ndarray, " walk"]
+    arrived: np.ndarray
+    decision_us: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What :func:`compare` found."""
+
+    scenario: Scenario
+    maps: int
+    walks: int
+    seed: int
+    records: dict[str, Record]
+
+    def as_json(self) -> dict[str, object]:
+        """The shape of ``compare --json`` and ``results.json``."""
+        return {
+            "scenario": self.scenario.name,
+            "flows": self.scenario.flows,
+            "maps": self.maps,
+            "walks": self.walks,
+            "seed": self.seed,
+            "planners": summarise(self.records, self.seed),
+        }
+
+
+def choose(names: Iterable[str], factories: Mapping[str, PlannerFactory]) -> dict[str, PlannerFactory]:
+    """Pick planners by name; the two that the others are measured against are always among them."""
+    wanted = list(dict.fromkeys([*names, REFERENCE, BOUND]))
+    for name in wanted:
+        if name not in factories:
+            raise PlannerError(f"unknown planner {name!r}; there are {', '.join(factories)}")
+    return {name: factory for name, factory in factories.items() if name in wanted}
+
+
+def compare(
+    scenario: Scenario,
+    planners: Mapping[str, PlannerFactory],
+    *,
+    maps: int,
+    walks: int,
+    seed: int = 0,
+    workers: int = 1,
+    on_map: Callable[[int, dict[str, Walked]], None] = lambda _index, _walked: None,
+) -> Comparison:
+    """Compare planners on ``maps`` maps with ``walks`` walks each.
+
+    Maps are independent and run on ``workers`` threads, which share one compiled program. Results do not depend on
+    their number. ``on_map`` is called as each map is done.
+    """
+    one = partial(walk_map, scenario, planners, walks, seed)
+    collected: dict[str, list[Walked]] = {name: [] for name in planners}
+    # The first map compiles everything; the others then do not compile it a second time beside it.
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for index, walked in enumerate([one(0)] if maps == 1 else _first_then_rest(pool, one, maps)):
+                for name, result in walked.items():
+                    collected[name].append(result)
+                on_map(index, walked)
+        except BaseException:
+            pool.shutdown(cancel_futures=True, wait=False)
+            raise
+    records = {
+        name: Record(
+            level=found[0].planner.level,
+            minutes=np.stack([walked.minutes for walked in found]),
+            arrived=np.stack([walked.arrived for walked in found]),
+            decision_us=float(np.median([walked.decision_us for walked in found])),
+        )
+        for name, found in collected.items()
+        if found
+    }
+    return Comparison(scenario, maps, walks, seed, records)
+
+
+def _first_then_rest(
+    pool: ThreadPoolExecutor, one: Callable[[int], dict[str, Walked]], maps: int
+) -> Iterable[dict[str, Walked]]:
+    yield one(0)
+    yield from pool.map(one, range(1, maps))
+
+
+def walk_map(
+    scenario: Scenario, planners: Mapping[str, PlannerFactory], walks: int, seed: int, index: int
+) -> dict[str, Walked]:
+    """All planners on map number ``index``."""
+    place = draw_map(scenario, seed, index)
+    params = environment(scenario, place, "test", walks)
+    todo = instances(scenario, params, walks)
+    found = {}
+    for name, factory in planners.items():
+        planner = factory(place)
+        if planner is not None:
+            found[name] = _walked(planner, params, todo, purpose_key(place, "test"))
+    return found
+
+
+def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array) -> Walked:
+    planner.plan(params, todo)  # compiles, so that planning itself is timed
+    began = perf_counter()
+    plan = planner.plan(params, todo)
+    jax.tree.map(np.asarray, plan.own)  # waits until it is there
+    planning = perf_counter() - began
+    walked = walk_plan(planner, params, plan, todo, key)
+    decisions = max(int(np.sum(walked.steps)), 1)
+    each = _decision_seconds(planner, params, plan, todo, key)
+    return Walked(
+        planner,
+        np.asarray(walked.seconds, np.float64) / 60,
+        np.asarray(walked.arrived),
+        1e6 * (planning / decisions + each),
+    )
+
+
+def _decision_seconds(planner: Planner, params: EnvParams, plan: Plan, todo: Instance, key: jax.Array) -> float:
+    """Seconds that one decision takes in a batch of one for each walk, all at their origins."""
+    decide = partial(_decide_all, planner.decide, params, plan, todo, key)
+    decide().block_until_ready()
+    began = perf_counter()
+    decide().block_until_ready()
+    return (perf_counter() - began) / todo.origin.shape[0]
+
+
+@partial(jax.jit, static_argnames="decide")
+def _decide_all(decide: DecideByPlan, params: EnvParams, plan: Plan, todo: Instance, key: jax.Array) -> jax.Array:
+    def one(own: object, instance: Instance) -> jax.Array:
+        _, observation = reset(params, instance)
+        return decide(plan.shared, own, observation, key)
+
+    return jax.vmap(one)(plan.own, todo)

@@ -1,0 +1,65 @@
+"""What is reported of walks: means, savings and regrets with bootstrap intervals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sidestep.environment.types import Level
+
+RESAMPLES = 2_000
+REFERENCE, BOUND = "shortest-path", "clairvoyant"
+
+
+@dataclass(frozen=True)
+class Record:
+    """How one planner's walks went. Walks are paired with those of the other planners, map by map."""
+
+    level: Level
+    minutes: Float[np.ndarray, "map walk"]  # the horizon where a walk did not arrive
+    arrived: Bool[np.ndarray, "map walk"]
+    decision_us: float  # microseconds of planning and deciding for each decision
+
+    @property
+    def maps(self) -> int:
+        """Number of maps walked: the first ones of the comparison."""
+        return len(self.minutes)
+
+
+def summarise(records: dict[str, Record], seed: int = 0) -> dict[str, dict[str, object]]:
+    """One row per planner, in the shape of ``results.json``.
+
+    ``saving_vs_shortest_path`` is 1 - mean/mean(shortest-path), ``regret`` mean/mean(clairvoyant) - 1. Intervals are
+    95 % percentile bootstraps that resample whole maps, or walks where there is one map; the same resamples serve every
+    planner, so that ratios are paired. A row that covers fewer maps is set against the same maps of the references.
+    """
+    return {name: _row(record, records, seed) for name, record in records.items()}
+
+
+def _row(record: Record, records: dict[str, Record], seed: int) -> dict[str, object]:
+    minutes = _units(record.minutes)
+    reference = _units(records[REFERENCE].minutes[: record.maps])
+    bound = _units(records[BOUND].minutes[: record.maps])
+    again = np.random.default_rng(seed).integers(len(minutes), size=(RESAMPLES, len(minutes)))
+    means, bounds = minutes[again].mean(axis=1), bound[again].mean(axis=1)
+    return {
+        "level": record.level,
+        "maps": record.maps,
+        "mean_minutes": float(minutes.mean()),
+        "ci95": _interval(means),
+        "saving_vs_shortest_path": float(1 - minutes.mean() / reference.mean()),
+        "best_saving": float(1 - (minutes / reference).min()),
+        "regret": float(minutes.mean() / bound.mean() - 1),
+        "regret_ci95": _interval(means / bounds - 1),
+        "arrival_rate": float(record.arrived.mean()),
+        "decision_us": record.decision_us,
+    }
+
+
+def _units(minutes: Float[np.ndarray, "map walk"]) -> Float[np.ndarray, " unit"]:
+    """What is resampled: maps, or the walks of the only map."""
+    return minutes[0] if len(minutes) == 1 else minutes.mean(axis=1)
+
+
+def _interval(resampled: Float[np.ndarray, " resample"]) -> list[float]:
+    return [float(bound) for bound in np.percentile(resampled, [2.5, 97.5])]

@@ -1,0 +1,64 @@
+"""Crowds on a whole network: how many people are on each segment in each slot."""
+
+from typing import Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from sidestep.flow.arima import Arima, forecast, simulate
+from sidestep.network.graph import RoadNetwork
+
+SLOT_SECONDS = 300.0
+
+
+class FlowField(eqx.Module):
+    """Volumes per slot and segment; leading axes, if any, count alternative crowds."""
+
+    volume: Float[Array, "*crowd slot segment"]  # persons, positive
+    slot_seconds: float = eqx.field(static=True, default=SLOT_SECONDS)
+
+    def flow_matrix(self, network: RoadNetwork, slot: int) -> Float[Array, "node node"]:
+        """The paper's P of one slot (eq. 2): persons from node i to node j, -1 where there is no segment."""
+        return network.matrix(self.volume[slot])
+
+    def density(self, network: RoadNetwork) -> Float[Array, "*crowd slot segment"]:
+        """Persons per m²."""
+        return self.volume / (network.length * network.width)
+
+
+class FlowModel(Protocol):
+    """A source of crowds for one network."""
+
+    def expected(self, slots: int) -> FlowField:
+        """The forecast made at clock 0: what somebody who knows the usual crowds expects."""
+        ...
+
+    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
+        """Possible futures, with a leading axis of ``crowds``."""
+        ...
+
+
+class ArimaFlow(eqx.Module):
+    """The paper's crowds: every segment starts at its own volume and follows one fitted ARIMA model (section V-A).
+
+    The power law gives zero time to a segment without people, so volumes are held at ``floor`` or more.
+    """
+
+    initial: Float[Array, " segment"]  # persons at clock 0
+    model: Arima  # its step is the slot
+    floor: float = eqx.field(static=True, default=1.0)
+
+    def expected(self, slots: int) -> FlowField:
+        return self._field(forecast(self.model, self.initial[None], slots - 1))
+
+    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
+        innovations = jax.random.normal(key, (slots - 1, crowds, self.initial.shape[0]))
+        history = jnp.broadcast_to(self.initial, (1, crowds, self.initial.shape[0]))
+        return self._field(simulate(self.model, history, innovations))
+
+    def _field(self, later: Float[Array, "later *crowd segment"]) -> FlowField:
+        now = jnp.broadcast_to(self.initial, later.shape[1:])[None]
+        volume = jnp.moveaxis(jnp.concatenate([now, later]), 0, -2)
+        return FlowField(jnp.maximum(volume, self.floor), self.model.step)

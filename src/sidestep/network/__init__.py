@@ -1,0 +1,1 @@
+"""Streets. "Network" always means roads here, never neurons."""

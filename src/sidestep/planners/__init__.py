@@ -1,0 +1,1 @@
+"""Who decides where to go next; one protocol for all."""

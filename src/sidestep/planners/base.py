@@ -1,0 +1,91 @@
+"""The planner protocol, and the one way in which all planners walk."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int, Key, PyTree
+
+from sidestep.environment.dynamics import random_exit
+from sidestep.environment.types import EnvParams, Instance, Level, Observation
+from sidestep.environment.walk import Walk, walk
+
+
+class Plan(eqx.Module):
+    """What a planner worked out before walks begin."""
+
+    shared: PyTree  # the same for all walks
+    own: PyTree  # each leaf [walk, ...]
+
+
+DecideByPlan = Callable[[Any, Any, Observation, Key[Array, ""]], Int[Array, ""]]
+
+
+class Planner(Protocol):
+    """Decides at every crossing which exit to take.
+
+    ``level`` says what the planner may know. Whatever it knows of map and crowds beforehand enters through
+    :meth:`plan`; on the way ``decide`` sees the observation alone, as a pure function of one walker (``jax.vmap`` makes
+    many). It is static, so that planners which decide alike share one compiled program.
+    """
+
+    name: ClassVar[str]
+    level: ClassVar[Level]
+    decide: ClassVar[DecideByPlan]  # (plan.shared, plan.own of this walk, observation, key) -> exit
+
+    def plan(self, params: EnvParams, instances: Instance, /) -> Plan:
+        """Prepare walks; ``instances`` has a leading axis of walks."""
+        ...
+
+
+@dataclass(frozen=True)
+class Route:
+    """A whole walk, for people."""
+
+    nodes: tuple[int, ...]
+    clocks: tuple[float, ...]  # s at which each node is reached
+    seconds: float
+    arrived: bool
+
+
+def choose_allowed(
+    _shared: None, allowed: Bool[Array, "node exit"], observation: Observation, key: Key[Array, ""]
+) -> Int[Array, ""]:
+    """Take one of the exits that a table allows here, at random if there are several."""
+    here = allowed[observation.node]
+    return random_exit(jnp.where(here.any(), here, observation.valid), jax.random.uniform(key))
+
+
+@partial(jax.jit, static_argnames=("decide", "trace"))
+def _walks(
+    decide: DecideByPlan, params: EnvParams, plan: Plan, instances: Instance, keys: Key[Array, " walk"], trace: int
+) -> Walk:
+    def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
+        return walk(params, partial(decide, plan.shared, own), instance, key, trace)
+
+    return jax.vmap(one)(plan.own, instances, keys)
+
+
+def walk_plan(
+    planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], trace: int = 0
+) -> Walk:
+    """Walk all instances as planned; the same key gives every planner the same random numbers."""
+    keys = jax.random.split(key, instances.origin.shape[0])
+    return _walks(planner.decide, params, plan, instances, keys, trace)
+
+
+def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Array, ""], trace: int) -> list[Route]:
+    """Whole routes of at most ``trace`` nodes."""
+    walked = walk_plan(planner, params, planner.plan(params, instances), instances, key, trace)
+    found = []
+    for nodes, clocks, steps, seconds, arrived in zip(
+        *map(np.asarray, (walked.nodes, walked.clocks, walked.steps, walked.seconds, walked.arrived)), strict=True
+    ):
+        size = min(int(steps) + 1, trace)
+        found.append(Route(tuple(nodes[:size].tolist()), tuple(clocks[:size].tolist()), float(seconds), bool(arrived)))
+    return found
