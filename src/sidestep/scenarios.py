@@ -19,6 +19,7 @@ from jaxtyping import Array, Key
 
 from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.types import EnvParams, Instance, RewardWeights, walking_speeds
+from sidestep.errors import SidestepError
 from sidestep.flow.arima import change_step, load_fitted
 from sidestep.flow.field import SLOT_SECONDS, ArimaFlow, FlowField
 from sidestep.network.graph import RoadNetwork
@@ -32,7 +33,7 @@ PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
 LAWS: dict[str, SpeedLaw] = {"power": Aoki(capped=False), "power-capped": Aoki(capped=True), "weidmann": Weidmann()}
 
 
-class ScenarioError(ValueError):
+class ScenarioError(SidestepError):
     """A scenario that is unknown or cannot be: says what is wrong."""
 
 
@@ -131,7 +132,8 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
     at_crowded = np.isin(tail, crowded) | np.isin(head, crowded)
     volume = np.where(at_crowded, rng.normal(*scenario.crowded_volume, network.segments), volume)
     model = change_step(load_fitted(), scenario.slot_seconds)
-    key = jax.random.fold_in(jax.random.key(seed), index)
+    # A key made of plain numbers needs no compiled program.
+    key = jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
     return CrowdedMap(network, ArimaFlow(jnp.asarray(volume, jnp.float32), model), key)
 
 

@@ -88,17 +88,23 @@ def train(
     total = config.rounds * config.iterations
     tests = instances(scenario, params, TEST_WALKS, first=TRAINING_CROWDS)
     if state is None:
-        state = start(config, params, here, purpose_key(place, "explore"))
+        state = start(config, params, here, place)
     while (done := int(state.iteration) / total) < 1:
         from_where = anywhere if done < config.random_origins else here
         state, report = train_round(config, params, from_where, tests, state)
         yield state, report
 
 
+def untrained(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> TrainState:
+    """A state as :func:`train` begins with, in shape and type; ``jax.eval_shape`` gives that without the work."""
+    params = environment(scenario, place, "learn", 1)
+    return start(config, params, sampler(scenario, params, 1), place)
+
+
 @partial(jax.jit, static_argnames="config")
-def start(config: TrainConfig, params: EnvParams, sampler: InstanceSampler, key: Key[Array, ""]) -> TrainState:
+def start(config: TrainConfig, params: EnvParams, sampler: InstanceSampler, place: CrowdedMap) -> TrainState:
     """Untrained network, empty replay, walkers at their origins."""
-    key, network_key, walker_key = jax.random.split(key, 3)
+    key, network_key, walker_key = jax.random.split(purpose_key(place, "explore"), 3)
     network = dueling_network(
         params.network, network_key, hidden=config.hidden, one_hot=config.one_hot, unit=config.unit
     )

@@ -1,10 +1,11 @@
 """Walk the same maps, crowds and departures with every planner."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
+from typing import TypedDict
 
 import jax
 import numpy as np
@@ -12,24 +13,25 @@ from jaxtyping import Float
 
 from sidestep.environment.dynamics import reset
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, summarise
+from sidestep.errors import SidestepError
+from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, Row, summarise
 from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
 from sidestep.planners.random_walk import RandomProgress, RandomWalk
 from sidestep.planners.search import Clairvoyant, Expected
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.scenarios import CrowdedMap, Scenario, draw_map, environment, instances, purpose_key
 
-PlannerFactory = Callable[[CrowdedMap], Planner | None]  # None: this planner skips the map, and all maps after it
+PlannerFactory = Callable[[CrowdedMap, int], Planner | None]  # for map and its number; None skips this map and later
 BASELINES: dict[str, PlannerFactory] = {
-    RandomWalk.name: lambda _: RandomWalk(),
-    RandomProgress.name: lambda _: RandomProgress(),
-    ShortestPath.name: lambda _: ShortestPath(),
-    Expected.name: lambda _: Expected(),
-    Clairvoyant.name: lambda _: Clairvoyant(),
+    RandomWalk.name: lambda *_: RandomWalk(),
+    RandomProgress.name: lambda *_: RandomProgress(),
+    ShortestPath.name: lambda *_: ShortestPath(),
+    Expected.name: lambda *_: Expected(),
+    Clairvoyant.name: lambda *_: Clairvoyant(),
 }
 
 
-class PlannerError(ValueError):
+class PlannerError(SidestepError):
     """A planner that is not known."""
 
 
@@ -43,6 +45,17 @@ class Walked:
     decision_us: float
 
 
+class Results(TypedDict):
+    """A comparison in ``results.json``."""
+
+    scenario: str
+    flows: str
+    maps: int
+    walks: int
+    seed: int
+    planners: dict[str, Row]
+
+
 @dataclass(frozen=True)
 class Comparison:
     """What :func:`compare` found."""
@@ -53,7 +66,7 @@ class Comparison:
     seed: int
     records: dict[str, Record]
 
-    def as_json(self) -> dict[str, object]:
+    def as_json(self) -> Results:
         """The shape of ``compare --json`` and ``results.json``."""
         return {
             "scenario": self.scenario.name,
@@ -78,13 +91,13 @@ def compare(
     scenario: Scenario,
     planners: Mapping[str, PlannerFactory],
     *,
-    maps: int,
+    maps: Sequence[int],
     walks: int,
     seed: int = 0,
     workers: int = 1,
     on_map: Callable[[int, dict[str, Walked]], None] = lambda _index, _walked: None,
 ) -> Comparison:
-    """Compare planners on ``maps`` maps with ``walks`` walks each.
+    """Compare planners on the maps of these numbers, with ``walks`` walks on each.
 
     Maps are independent and run on ``workers`` threads, which share one compiled program. Results do not depend on
     their number. ``on_map`` is called as each map is done.
@@ -92,15 +105,14 @@ def compare(
     one = partial(walk_map, scenario, planners, walks, seed)
     collected: dict[str, list[Walked]] = {name: [] for name in planners}
     # The first map compiles everything; the others then do not compile it a second time beside it.
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            for index, walked in enumerate([one(0)] if maps == 1 else _first_then_rest(pool, one, maps)):
-                for name, result in walked.items():
-                    collected[name].append(result)
-                on_map(index, walked)
-        except BaseException:
-            pool.shutdown(cancel_futures=True, wait=False)
-            raise
+    pool = ThreadPoolExecutor(workers)
+    try:
+        for index, walked in zip(maps, _first_then_rest(pool, one, maps), strict=True):
+            for name, result in walked.items():
+                collected[name].append(result)
+            on_map(index, walked)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
     records = {
         name: Record(
             level=found[0].planner.level,
@@ -111,14 +123,14 @@ def compare(
         for name, found in collected.items()
         if found
     }
-    return Comparison(scenario, maps, walks, seed, records)
+    return Comparison(scenario, len(maps), walks, seed, records)
 
 
 def _first_then_rest(
-    pool: ThreadPoolExecutor, one: Callable[[int], dict[str, Walked]], maps: int
+    pool: ThreadPoolExecutor, one: Callable[[int], dict[str, Walked]], maps: Sequence[int]
 ) -> Iterable[dict[str, Walked]]:
-    yield one(0)
-    yield from pool.map(one, range(1, maps))
+    yield one(maps[0])
+    yield from pool.map(one, maps[1:])
 
 
 def walk_map(
@@ -130,7 +142,7 @@ def walk_map(
     todo = instances(scenario, params, walks)
     found = {}
     for name, factory in planners.items():
-        planner = factory(place)
+        planner = factory(place, index)
         if planner is not None:
             found[name] = _walked(planner, params, todo, purpose_key(place, "test"))
     return found

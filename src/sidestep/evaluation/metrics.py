@@ -1,6 +1,7 @@
 """What is reported of walks: means, savings and regrets with bootstrap intervals."""
 
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -26,7 +27,22 @@ class Record:
         return len(self.minutes)
 
 
-def summarise(records: dict[str, Record], seed: int = 0) -> dict[str, dict[str, object]]:
+class Row(TypedDict):
+    """One planner in ``results.json``; intervals are [low, high], rates and savings are fractions."""
+
+    level: Level
+    maps: int
+    mean_minutes: float
+    ci95: list[float]
+    saving_vs_shortest_path: float
+    best_saving: float  # on the map (or walk, if there is one map) where it saved most
+    regret: float
+    regret_ci95: list[float]
+    arrival_rate: float
+    decision_us: float
+
+
+def summarise(records: dict[str, Record], seed: int = 0) -> dict[str, Row]:
     """One row per planner, in the shape of ``results.json``.
 
     ``saving_vs_shortest_path`` is 1 - mean/mean(shortest-path), ``regret`` mean/mean(clairvoyant) - 1. Intervals are
@@ -36,7 +52,7 @@ def summarise(records: dict[str, Record], seed: int = 0) -> dict[str, dict[str, 
     return {name: _row(record, records, seed) for name, record in records.items()}
 
 
-def _row(record: Record, records: dict[str, Record], seed: int) -> dict[str, object]:
+def _row(record: Record, records: dict[str, Record], seed: int) -> Row:
     minutes = _units(record.minutes)
     reference = _units(records[REFERENCE].minutes[: record.maps])
     bound = _units(records[BOUND].minutes[: record.maps])

@@ -15,9 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from sidestep.errors import SidestepError
+
 _SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
 _MOST_DIFFERENCES = 2
 _KPSS_LEVEL = 0.05
+
+
+class SeriesError(SidestepError):
+    """A series that a model cannot be fitted to, or a model that cannot do what is asked."""
 
 
 class Arima(eqx.Module):
@@ -153,18 +159,18 @@ def change_step(model: Arima, step: float) -> Arima:
 
     Raises
     ------
-    ValueError
+    SeriesError
         If the model is no AR(1) with 0 < phi < 1 (others change their form with the step, or have no finer one),
         or `step` is not positive.
     """
     if not (math.isfinite(step) and step > 0):
-        raise ValueError(f"the step must be a positive number of seconds, not {step}")
+        raise SeriesError(f"the step must be a positive number of seconds, not {step}")
     order = (model.ar.shape[0], model.d, model.ma.shape[0])
     if order != (1, 0, 0):
-        raise ValueError(f"only an ARIMA(1, 0, 0) keeps its form when the step changes; this one is {order}")
-    phi = float(model.ar[0])
+        raise SeriesError(f"only an ARIMA(1, 0, 0) keeps its form when the step changes; this one is {order}")
+    phi = float(np.asarray(model.ar)[0])
     if not 0 < phi < 1:
-        raise ValueError(f"an AR(1) with coefficient {phi:g} has no form at other steps; it must lie between 0 and 1")
+        raise SeriesError(f"an AR(1) with coefficient {phi:g} has no form at other steps; it must lie between 0 and 1")
     r = step / model.step
     sigma = float(model.sigma) * math.sqrt((1 - phi ** (2 * r)) / (1 - phi**2))
     return Arima(
@@ -191,15 +197,15 @@ def fit_arima(
 
     Raises
     ------
-    ValueError
+    SeriesError
         If the order is impossible, the series is too short, infinite or constant, or the fit does not converge.
     """
     if p < 0 or q < 0 or not (d is None or 0 <= d <= _MOST_DIFFERENCES):
-        raise ValueError(f"ARIMA({p}, {d}, {q}): p and q must not be negative, d must be 0, 1 or 2")
+        raise SeriesError(f"ARIMA({p}, {d}, {q}): p and q must not be negative, d must be 0, 1 or 2")
     _check(series, enough=_SHORTEST + 10 * (p + q))
     d = choose_d(series) if d is None else d
     if np.nanstd(np.diff(series, n=d)) == 0:
-        raise ValueError(f"the series does not vary after differencing {d} times; no ARIMA can be fitted")
+        raise SeriesError(f"the series does not vary after differencing {d} times; no ARIMA can be fitted")
 
     from statsmodels.tools.sm_exceptions import ConvergenceWarning  # type: ignore[import-untyped]
     from statsmodels.tsa.arima.model import ARIMA  # type: ignore[import-untyped]
@@ -214,7 +220,7 @@ def fit_arima(
         if not fit.mle_retvals["converged"]:
             fit = problem.fit(start_params=fit.params, method_kwargs={"method": "nm", "maxiter": 2000})
     if not (fit.mle_retvals["converged"] and np.isfinite(fit.params).all()):
-        raise ValueError(f"the likelihood of ARIMA({p}, {d}, {q}) has no maximum that could be found for this series")
+        raise SeriesError(f"the likelihood of ARIMA({p}, {d}, {q}) has no maximum that could be found for this series")
     mean = 0.0 if d else float(fit.params[0]) * scale
     sigma = math.sqrt(float(fit.params[-1])) * scale
     return Arima(
@@ -234,7 +240,7 @@ def choose_d(series: Float[np.ndarray, " hour"]) -> int:
 
     Raises
     ------
-    ValueError
+    SeriesError
         If the series is too short or infinite.
 
     References
@@ -263,10 +269,10 @@ def choose_d(series: Float[np.ndarray, " hour"]) -> int:
 
 def _check(series: Float[np.ndarray, " hour"], enough: int) -> None:
     if np.isinf(series).any():
-        raise ValueError("the series contains infinite values")
+        raise SeriesError("the series contains infinite values")
     observed = int((~np.isnan(series)).sum())
     if observed < enough:
-        raise ValueError(f"the series has {observed} values; at least {enough} are needed")
+        raise SeriesError(f"the series has {observed} values; at least {enough} are needed")
 
 
 # --- The fitted model that is shipped -------------------------------------------------------------------------------
@@ -280,13 +286,13 @@ def load_fitted(name: str = "auckland") -> Arima:
 
     Raises
     ------
-    ValueError
+    SeriesError
         If no model of this name is shipped.
     """
     ending = "_arima.json"
     shipped = {f.name.removesuffix(ending): f for f in files("sidestep.flow").iterdir() if f.name.endswith(ending)}
     if name not in shipped:
-        raise ValueError(f"no fitted model named '{name}'; there is {', '.join(sorted(shipped))}")
+        raise SeriesError(f"no fitted model named '{name}'; there is {', '.join(sorted(shipped))}")
     numbers = json.loads(shipped[name].read_text(encoding="utf-8"))
     return Arima(
         ar=jnp.array(numbers["ar"], dtype=float),

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from sidestep.errors import SidestepError
 from sidestep.flow import repairs as fix
 
 Period = tuple[str, str]
@@ -40,7 +41,7 @@ _LARGEST_COUNT = 1e6  # persons an hour past one sensor; more is a wrong column,
 _LONGEST_GAP = 366 * 24  # hours; more is a mistyped year, and would fill the memory with NaN
 
 
-class CountsError(ValueError):
+class CountsError(SidestepError):
     """Counts that cannot be used. One sentence that names the file and the line, column or sensor."""
 
 

@@ -32,18 +32,18 @@ def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " 
 
     Raises
     ------
-    ValueError
+    SeriesError
         If an hour of the week never has a count, or the residuals cannot be fitted (see `arima.fit_arima`).
     """
     if (np.diff(times.astype("datetime64[h]")).astype(np.int64) != 1).any():
-        raise ValueError("the times of a profile must be hourly and without gaps (missing counts are NaN)")
+        raise arima.SeriesError("the times of a profile must be hourly and without gaps (missing counts are NaN)")
     hours = hour_of_week(times)
     logs = np.log1p(series)
     counted = ~np.isnan(logs)
     numbers = np.bincount(hours[counted], minlength=HOURS_OF_WEEK)
     if (numbers == 0).any():
         first = int((numbers == 0).argmax())
-        raise ValueError(f"{(numbers == 0).sum()} hours of the week have no count, the first is hour {first}")
+        raise arima.SeriesError(f"{(numbers == 0).sum()} hours of the week have no count, the first is hour {first}")
     usual = np.bincount(hours[counted], weights=logs[counted], minlength=HOURS_OF_WEEK) / numbers
     return HourOfWeekProfile(usual=jnp.asarray(usual), residual=arima.fit_arima(logs - usual[hours], p=1, d=0, q=0))
 

@@ -7,10 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from sidestep.errors import SidestepError
+
 ABSENT = -1  # where there is no street: in tables of nodes and segments, and in the paper's matrices D and P
 
 
-class NetworkError(ValueError):
+class NetworkError(SidestepError):
     """A road network that cannot be: says which part is wrong."""
 
 

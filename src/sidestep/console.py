@@ -1,0 +1,128 @@
+"""What people see on a terminal: tables and progress bars. The only module that imports rich."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from sidestep.evaluation.compare import Results
+    from sidestep.flow.summary import CountSummary
+
+WIDTH = 160  # where the output is no terminal
+
+
+def show_results(results: "Results") -> None:
+    """Print a comparison as a table."""
+    title = (
+        f"{results['scenario']} ({results['flows']} flows): {results['maps']} map{'s' * (results['maps'] > 1)}, "
+        f"{results['walks']} walks each, seed {results['seed']}"
+    )
+    columns = ("planner", "knows", ">minutes", ">95 %", ">saved", ">regret", ">95 %", ">arrive", ">µs/decision")
+    table = _table(*columns, title=title)
+    for name, row in results["planners"].items():
+        low, high = row["ci95"]
+        regret_low, regret_high = row["regret_ci95"]
+        table.add_row(
+            name if row["maps"] == results["maps"] else f"{name} ({row['maps']} maps)",
+            row["level"],
+            f"{row['mean_minutes']:.1f}",
+            f"{low:.1f} to {high:.1f}",
+            f"{100 * row['saving_vs_shortest_path']:.1f} %",
+            f"{100 * row['regret']:.2f} %",
+            f"{100 * regret_low:.2f} to {100 * regret_high:.2f}",
+            f"{100 * row['arrival_rate']:.1f} %",
+            f"{row['decision_us']:,.1f}",
+        )
+    _print(table)
+
+
+def show_counts(summary: "CountSummary", seed: int) -> None:
+    """Print what a table of counts holds, what was repaired, and how the fitted models do."""
+    title = (
+        f"{summary.source}: {summary.hours:,} hours, {summary.first} to {summary.last}, {len(summary.sensors)} sensors"
+    )
+    if summary.repairs:
+        table = _table("repair", "sensor", ">hours", "detail", title=title)
+        for repair in summary.repairs:
+            table.add_row(repair.kind, repair.sensor or "all", f"{repair.hours:,}", repair.detail)
+        _print(table)
+    else:
+        print(f"{title}; nothing had to be repaired")
+    p, d, q = summary.order
+    print(f"{summary.sensor}, {summary.train[0]} to {summary.train[1]}: ARIMA({p}, {d}, {q})")
+    print(f"  ar {_listed(summary.ar)}, ma {_listed(summary.ma)} (the paper's signs), ", end="")
+    print(f"mean {summary.mean:.1f}, sigma {summary.sigma:.1f} persons/h")
+    print(
+        f"  one simulated week (seed {seed}): mean {summary.simulated_mean:.0f}, sd {summary.simulated_sd:.0f}; ",
+        end="",
+    )
+    print(f"counted: mean {summary.counted_mean:.0f}, sd {summary.counted_sd:.0f}\n")
+    title = f"{summary.tested_hours:,} hours, {summary.test[0]} to {summary.test[1]}"
+    table = _table("prediction of the next hour", ">RMSE, persons/h", title=title)
+    for name, error in summary.rmse.items():
+        table.add_row(name, f"{error:.1f}")
+    _print(table)
+
+
+class Advance:
+    """One step further on a bar, with a note."""
+
+    def __init__(self, bar: "Progress", what: str, total: int, each: int, unit: str) -> None:
+        self._bar, self._each, self._unit, self._done, self._began = bar, each, unit, 0, perf_counter()
+        self._task = bar.add_task(what, total=total * each, rate="", note="")
+
+    def __call__(self, note: str) -> None:
+        self._done += self._each
+        rate = f"{self._done / (perf_counter() - self._began):,.3g} {self._unit}/s"
+        self._bar.update(self._task, advance=self._each, rate=rate, note=note)
+
+
+@contextmanager
+def progress(what: str, total: int, each: int, unit: str) -> Iterator[Advance]:
+    """Show a bar with rate and time left on standard error, or nothing where that is no terminal.
+
+    ``total`` calls of what is yielded fill the bar; each stands for ``each`` of ``unit``.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=20),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f} " + unit),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(compact=True),
+        TextColumn("{task.fields[note]}"),
+        console=Console(stderr=True),
+        disable=not sys.stderr.isatty(),
+        transient=True,
+    )
+    with bar:
+        yield Advance(bar, what, total, each, unit)
+
+
+def _table(*columns: str, title: str) -> "Table":
+    """A table; columns whose name begins with > hold numbers."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="")
+    for column in columns:
+        number = column.startswith(">")
+        table.add_column(column.removeprefix(">"), justify="right" if number else "left", no_wrap=number)
+    return table
+
+
+def _print(table: "Table") -> None:
+    from rich.console import Console
+
+    Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False).print(table)
+
+
+def _listed(values: list[float]) -> str:
+    return ", ".join(f"{value:.3f}" for value in values) or "none"

@@ -1,0 +1,46 @@
+"""The demonstration: one congested map, an agent that learns it, and where everyone then walks."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sidestep.agent.config import PRESETS
+from sidestep.evaluation.compare import BASELINES, Comparison, compare
+from sidestep.experiments import figures
+from sidestep.planners.base import routes
+from sidestep.planners.darp import Darp, OnRound, train_darp
+from sidestep.planners.search import Clairvoyant
+from sidestep.planners.shortest_path import ShortestPath
+from sidestep.scenarios import draw_map, environment, instances, purpose_key, scenario
+
+SCENARIO = "paper-congested"
+WALKS = 200
+TRACE = 200  # nodes of a route that are drawn at most
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """What the demonstration found."""
+
+    comparison: Comparison
+    darp: Darp
+    picture: Path
+
+
+def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
+    """Train on map 0 of a seed, compare all planners there, and draw the first of the test walks."""
+    problem = scenario(SCENARIO)
+    place = draw_map(problem, seed)
+    darp = train_darp(PRESETS["default"], problem, place, on_round)
+    comparison = compare(problem, {**BASELINES, Darp.name: lambda *_: darp}, maps=[0], walks=WALKS, seed=seed)
+    params = environment(problem, place, "test", WALKS)
+    walk = instances(problem, params, 1)
+    shown = {
+        planner.name: routes(planner, params, walk, purpose_key(place, "test"), TRACE)[0]
+        for planner in (ShortestPath(), darp, Clairvoyant())
+    }
+    picture = out / "map.png"
+    title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
+    figures.save(figures.crowded_map(title, params, np.asarray(place.flow.initial), shown), picture)
+    return Demonstration(comparison, darp, picture)

@@ -1,0 +1,72 @@
+"""The presets: the paper's literal numbers, and that the default solves a map."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sidestep.agent.config import PRESETS
+from sidestep.environment.walk import Walk
+from sidestep.planners.base import Planner, walk_plan
+from sidestep.planners.darp import train_darp
+from sidestep.planners.search import Clairvoyant
+from sidestep.planners.shortest_path import ShortestPath
+from sidestep.scenarios import BUILT_IN, draw_map, environment, instances, purpose_key, scenario
+
+
+def test_the_paper_preset_is_the_papers_numbers() -> None:
+    paper = PRESETS["paper"]
+    assert paper.hidden == (50, 50)
+    assert paper.capacity == 10**4
+    assert paper.batch == 32
+    assert paper.gamma == 0.95
+    assert paper.learning_rate == paper.learning_rate_end == 1e-4
+    assert paper.optimiser == "rmsprop"
+    # One walker, one gradient step for each of its steps; a fixed ε; the target network is copied.
+    assert (paper.walkers, paper.iterations) == (1, paper.round_steps)
+    assert paper.epsilon == paper.epsilon_end
+    assert paper.target_rate == 1
+    assert paper.target_period > 1
+    # Coordinates alone, rewards as they are, no double Q, every walk from the origin, the network that training ends with.
+    assert (paper.one_hot, paper.double) == (False, False)
+    assert paper.unit == 1
+    assert paper.random_origins == 0
+    assert paper.keep == "last"
+    # Prioritised, as the text says.
+    assert paper.alpha > 0
+
+
+@pytest.mark.parametrize("name", ["paper-unblocked", "paper-congested"])
+def test_the_papers_reward(name: str) -> None:
+    reward = BUILT_IN[name].reward
+    assert reward.progress == 1e-3
+    assert reward.bonus == 1
+    assert reward.unit_seconds == 60
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_fit_together(name: str) -> None:
+    config = PRESETS[name]
+    assert config.capacity % config.walkers == 0  # or the replay refuses them
+    assert config.round_steps % config.walkers == 0  # or a round is shorter than it says
+    assert hash(config) == hash(dataclasses.replace(config))  # a static argument of compiled functions
+
+
+def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> None:
+    problem = scenario("paper-congested", flows="forecast")
+    place = draw_map(problem, seed=1)
+    rounds: list[int] = []
+    darp = train_darp(PRESETS["default"], problem, place, lambda number, _: rounds.append(number))
+    assert rounds == list(range(1, 51))
+    params = environment(problem, place, "test", 1)
+    todo = instances(problem, params, 1)
+
+    def walk(planner: Planner) -> Walk:
+        return walk_plan(planner, params, planner.plan(params, todo), todo, purpose_key(place, "test"))
+
+    learned, best, shortest = walk(darp), walk(Clairvoyant()), walk(ShortestPath())
+    assert learned.arrived.all()
+    # The crowds of training are those of the test here, so what the last test walks found is what is walked.
+    np.testing.assert_allclose(darp.curve.min() * 60, learned.seconds, rtol=1e-4)
+    assert float(best.seconds[0]) * (1 - 1e-5) <= float(learned.seconds[0]) <= 1.01 * float(best.seconds[0])
+    assert learned.seconds[0] < 0.9 * shortest.seconds[0]  # and it is a map on which there is something to learn

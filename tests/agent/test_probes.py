@@ -1,0 +1,138 @@
+"""Probe environments whose Q-values are known exactly: which part of the learner is broken, if one is.
+
+Streets take whole minutes at constant speed. Nodes stand 500 m apart along x, so that a step towards the destination
+is worth w_r * 500 = 0.5, and arriving 1. Walkers step at random, so that every exit of every node is learned.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sidestep.agent.config import PRESETS, TrainConfig
+from sidestep.agent.train import RoundReport, start, train_round
+from sidestep.environment.instances import InstanceSampler
+from sidestep.environment.types import EnvParams, Instance, Observation
+from sidestep.flow.arima import load_fitted
+from sidestep.flow.field import ArimaFlow
+from sidestep.network.graph import road_network
+from sidestep.scenarios import CrowdedMap
+from sidestep.travel_time import speed_field
+
+METRES = 60.0  # of every street
+Crowds = tuple[float, ...]  # minutes in each crowd
+Streets = dict[tuple[int, int], Crowds]  # (from, to)
+
+# The default, but small, for ever exploring, and discounting.
+DEFAULT = dataclasses.replace(
+    PRESETS["default"], rounds=10, round_steps=4_800, walkers=16, batch=64, capacity=16_384, hidden=(16, 16), gamma=0.8,
+    epsilon_end=1.0,
+)  # fmt: skip
+# The paper's learner: one network selects and values, and is copied; coordinates alone; RMSProp, in fewer, larger steps.
+PAPER = dataclasses.replace(
+    PRESETS["paper"], rounds=4, round_steps=16_000, walkers=16, hidden=(16, 16), gamma=0.8, epsilon=1.0, epsilon_end=1.0,
+    learning_rate=3e-3, learning_rate_end=0.0, target_period=50,
+)  # fmt: skip
+
+
+def probe(x: list[int], streets: Streets, horizon: float = 1e6) -> EnvParams:
+    """An environment of streets with constant speeds; exits are numbered as they are listed."""
+    tail, head = zip(*streets, strict=True)
+    position = 500.0 * np.stack([x, np.zeros(len(x))], axis=1)
+    network = road_network(position, tail, head, [METRES] * len(tail))
+    minutes = np.array(list(streets.values())).T[..., None]  # [crowd, segment, slot]
+    speed = jnp.asarray(METRES / (60 * minutes), jnp.float32)
+    return EnvParams(network, speed_field(speed, 300.0), speed_field(speed[0], 300.0), jnp.float32(horizon))
+
+
+def learn(config: TrainConfig, params: EnvParams, destination: int) -> tuple[np.ndarray, RoundReport]:
+    """Q-values [node, exit] after training from everywhere, NaN where there is no exit, and the last greedy walks."""
+    nodes = params.network.nodes
+    anywhere = InstanceSampler(
+        origins=jnp.array([node for node in range(nodes) if node != destination]),
+        destinations=jnp.array([destination]),
+        departures=jnp.zeros(2),
+        crowds=jnp.int32(params.crowds.count),
+    )
+    walks = [jnp.full(2, number) for number in (0, destination)]
+    tests = Instance(*walks, jnp.zeros(2), jnp.array([0, params.crowds.count - 1]))
+    # Training takes from a map only its random stream: what it meets is in the environment.
+    place = CrowdedMap(
+        params.network, ArimaFlow(jnp.zeros(params.network.segments), load_fitted()), jax.random.key(0)
+    )
+    state = start(config, params, anywhere, place)
+    for _ in range(config.rounds):
+        state, report = train_round(config, params, anywhere, tests, state)
+    seen = Observation(jnp.arange(nodes), params.network.position, params.network.valid)
+    q = jax.jit(jax.vmap(state.network))(seen)
+    return np.where(seen.valid, q, np.nan), report
+
+
+def both_ways(streets: Streets) -> Streets:
+    """The streets and their way back, which takes as long."""
+    return streets | {(head, tail): minutes for (tail, head), minutes in streets.items()}
+
+
+@pytest.mark.parametrize("config", [DEFAULT, PAPER], ids=["default", "paper"])
+class TestLine:
+    """0 -- 4 min -- 1 -- 9 min -- 2: exits of node 1 are 0 to node 2 and 1 back to node 0."""
+
+    streets = both_ways({(0, 1): (4,), (1, 2): (9,)})
+
+    def test_one_step_to_the_destination(self, config: TrainConfig) -> None:
+        q, report = learn(config, probe([0, 1, 2], self.streets), destination=1)
+        # -c + w_r * 500 + 1: from node 0 -4 + .5 + 1, from node 2 -9 + .5 + 1.
+        np.testing.assert_allclose(q[[0, 2], 0], [-2.5, -7.5], rtol=0.01)
+        np.testing.assert_allclose(report.test_minutes, 4, rtol=1e-4)
+        assert report.test_arrived.all()
+
+    def test_two_steps_are_discounted(self, config: TrainConfig) -> None:
+        q, report = learn(config, probe([0, 1, 2], self.streets), destination=2)
+        # From node 1: -9 + .5 + 1 = -7.5. From node 0: -4 + .5 + .8 * -7.5 = -9.5.
+        # Back from 1 to 0: -4 - .5 + .8 * -9.5 = -12.1.
+        np.testing.assert_allclose([q[1, 0], q[0, 0], q[1, 1]], [-7.5, -9.5, -12.1], rtol=0.02)
+        np.testing.assert_allclose(report.test_minutes, 13, rtol=1e-4)
+
+
+class TestDiamond:
+    """Two ways from node 0 to node 3: by node 1 (exit 0) and by node 2 (exit 1). Four crowds, met equally often."""
+
+    @staticmethod
+    def learn(by_1: tuple[Crowds, Crowds], by_2: tuple[Crowds, Crowds]) -> tuple[np.ndarray, RoundReport]:
+        streets = both_ways({(0, 1): by_1[0], (0, 2): by_2[0], (1, 3): by_1[1], (2, 3): by_2[1]})
+        return learn(DEFAULT, probe([0, 1, 1, 2], streets), destination=3)
+
+    def test_takes_the_fast_way(self) -> None:
+        # By node 1 it is crowded: 6 + 10 minutes. By node 2: 7 + 3, though its first street takes longer.
+        q, report = self.learn(by_1=((6,) * 4, (10,) * 4), by_2=((7,) * 4, (3,) * 4))
+        # The last steps: -10 + 1.5 = -8.5 and -3 + 1.5 = -1.5. Node 0: -6 + .5 + .8 * -8.5 = -12.3 and
+        # -7 + .5 + .8 * -1.5 = -7.7. Back from 1 to 0: -6 - .5 + .8 * -7.7 = -12.66, from 2: -7 - .5 - 6.16 = -13.66.
+        np.testing.assert_allclose(q[:3], [[-12.3, -7.7], [-8.5, -12.66], [-1.5, -13.66]], rtol=0.02)
+        np.testing.assert_allclose(report.test_minutes, 10, rtol=1e-4)
+
+    def test_learns_the_mean_over_crowds(self) -> None:
+        # By node 1 it is 2 + 3 minutes in three crowds and 10 + 11 in the fourth: 4 + 5 in the mean. By node 2 always
+        # 5 + 5. The rare crowd is a surprise and replayed more often than met: without importance weights node 1 would
+        # seem to take 4.7 minutes and 5.7 from there (where 3 δ^1.6 of the one balances δ^1.6 of the other).
+        q, report = self.learn(by_1=((2, 2, 2, 10), (3, 3, 3, 11)), by_2=((5,) * 4, (5,) * 4))
+        # The last steps: -5 + 1.5 = -3.5. Node 0: -4 + .5 + .8 * -3.5 = -6.3 and -5 + .5 - 2.8 = -7.3.
+        # Back to node 0: -4 - .5 + .8 * -6.3 = -9.54 and -5 - .5 - 5.04 = -10.54.
+        np.testing.assert_allclose(q[:3], [[-6.3, -7.3], [-3.5, -9.54], [-3.5, -10.54]], rtol=0.1)
+        np.testing.assert_allclose(report.test_minutes, [5, 21], rtol=1e-4)
+
+
+def test_the_horizon_does_not_end_the_future() -> None:
+    # A corridor 0 -- 1 -- … -- 5 of 3 minutes a street and a horizon of one minute: every walk is cut off after a step.
+    corridor = both_ways({(node, node + 1): (3,) for node in range(5)})
+    q, report = learn(
+        dataclasses.replace(DEFAULT, gamma=1.0), probe([0, 1, 2, 3, 4, 5], corridor, horizon=60.0), destination=5
+    )
+    # Every step onward is -3 + .5, and arriving 1 more: from node 4 -1.5, from node 0 -1.5 - 4 * 2.5 = -11.5.
+    # Counted as ends, the steps short of node 5 would be worth -2.5 each.
+    onward = q[np.arange(5), 0]
+    np.testing.assert_allclose(onward, [-11.5, -9, -6.5, -4, -1.5], rtol=0.02)
+    # A step back from node k to k - 1 costs 3 + .5 and what the way from there is worth.
+    np.testing.assert_allclose(q[1:5, 1], -3.5 + onward[:4], rtol=0.02)
+    assert not report.test_arrived.any()  # the test walks from node 0 are cut off too

@@ -1,0 +1,283 @@
+"""Training: its optimiser by hand, and one small run looked at iteration by iteration."""
+
+import dataclasses
+from collections.abc import Iterator
+from itertools import islice, pairwise
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from sidestep.agent.checkpoint import TrainingRun
+from sidestep.agent.config import PRESETS, TrainConfig
+from sidestep.agent.qnetwork import DuelingQNetwork
+from sidestep.agent.td import mask
+from sidestep.agent.train import RoundReport, TrainState, optimiser, train
+from sidestep.scenarios import CrowdedMap, Scenario, draw_map, scenario
+
+# --- The optimiser --------------------------------------------------------------------------------------------------
+
+
+def rule(**changes: Any) -> optax.GradientTransformation:
+    """A preset's optimiser with other numbers; two rounds of one iteration."""
+    config = dataclasses.replace(PRESETS["paper"], rounds=2, round_steps=1, **changes)
+    return optimiser(config)
+
+
+def follow(rule: optax.GradientTransformation, *gradients: list[float]) -> list[np.ndarray]:
+    """What is added to the parameters at each step."""
+    state = rule.init(jnp.zeros(len(gradients[0])))
+    changes = []
+    for gradient in gradients:
+        change, state = rule.update(jnp.array(gradient), state)
+        changes.append(np.asarray(change))
+    return changes
+
+
+def test_rmsprop() -> None:
+    changes = follow(
+        rule(learning_rate=0.1, learning_rate_end=0.1, decay=0.75, damping=0.5), [4.0, -8.0], [2.0, 0.0]
+    )
+    # g = .25 * 4² = 4: -.1 * 4 / (√4 + .5) = -.16.   g = .25 * 8² = 16: .1 * 8 / (√16 + .5) = .177778
+    np.testing.assert_allclose(changes[0], [-0.16, 0.1777778], rtol=1e-5)
+    # g = .75 * 4 + .25 * 2² = 4: -.1 * 2 / (√4 + .5) = -.08.   A gradient of 0 changes nothing.
+    np.testing.assert_allclose(changes[1], [-0.08, 0.0], rtol=1e-5)
+
+
+def test_the_learning_rate_falls_linearly() -> None:
+    changes = follow(rule(learning_rate=0.1, learning_rate_end=0.02, decay=0.75, damping=0.5), [4.0], [2.0], [2.0])
+    # Two iterations from .1 to .02: .1, then .06, and .02 at the end. As above: 4 / 2.5 = 1.6 and 2 / 2.5 = .8;
+    # then g = .75 * 4 + .25 * 4 = 4 again.
+    np.testing.assert_allclose(np.concatenate(changes), [-0.16, -0.048, -0.016], rtol=1e-5)
+
+
+def test_adam_is_there_too() -> None:
+    # Adam's first step is the learning rate in the direction of the gradient, whatever its size.
+    (change,) = follow(rule(optimiser="adam", learning_rate=0.01, learning_rate_end=0.01), [300.0, -0.02])
+    np.testing.assert_allclose(change, [-0.01, 0.01], rtol=1e-4)
+
+
+# --- One small run --------------------------------------------------------------------------------------------------
+
+# A round is one iteration, so that nothing is hidden inside one: 64 walkers, a ring of 4 iterations. The horizon of
+# an hour cuts many walks off, and the learning rate is so high that the greedy walk keeps changing.
+SMALL = TrainConfig(
+    rounds=20, round_steps=64, walkers=64, batch=32, capacity=256, alpha=0.6, beta=0.4, priority_floor=0.01,
+    gamma=0.9, double=True, hidden=(8,), one_hot=True, unit=5.0, target_period=5, target_rate=1.0,
+    optimiser="rmsprop", learning_rate=0.3, learning_rate_end=0.0, decay=0.9, damping=1e-10,
+    epsilon=1.0, epsilon_end=0.0, epsilon_share=0.5, random_origins=0.5, keep="best",
+)  # fmt: skip
+RING = SMALL.capacity // SMALL.walkers
+
+
+@pytest.fixture(scope="module")
+def problem() -> Scenario:
+    return scenario("paper-congested", side=3, crowded_nodes=1, horizon=3600.0)
+
+
+@pytest.fixture(scope="module")
+def place(problem: Scenario) -> CrowdedMap:
+    return draw_map(problem, seed=6)
+
+
+def on_host(tree: TrainState) -> TrainState:
+    """A copy in host memory, where random keys are plain numbers."""
+    plain = eqx.tree_at(lambda s: s.key, tree, jax.random.key_data(tree.key))
+    return jax.tree.map(np.asarray, plain)
+
+
+def on_device(tree: TrainState) -> TrainState:
+    """The way back."""
+    arrays = jax.tree.map(jnp.asarray, tree)
+    return eqx.tree_at(lambda s: s.key, arrays, jax.random.wrap_key_data(arrays.key))
+
+
+def follow_training(run: Iterator[tuple[TrainState, RoundReport]]) -> list[tuple[TrainState, RoundReport]]:
+    """Host copies of what training yields, each taken before the next round uses it up."""
+    return [(on_host(state), jax.tree.map(np.asarray, report)) for state, report in run]
+
+
+@pytest.fixture(scope="module")
+def history(problem: Scenario, place: CrowdedMap) -> list[tuple[TrainState, RoundReport]]:
+    """State and report after every iteration."""
+    return follow_training(train(SMALL, problem, place))
+
+
+@pytest.fixture(scope="module")
+def states(history: list[tuple[TrainState, RoundReport]]) -> list[TrainState]:
+    return [state for state, _ in history]
+
+
+def latest(state: TrainState) -> Any:
+    """The transitions of the last iteration, from its place in the ring."""
+    first = (int(state.iteration) - 1) % RING * SMALL.walkers
+    return jax.tree.map(lambda leaf: leaf[first : first + SMALL.walkers], state.replay.items)
+
+
+def truncated(state: TrainState, problem: Scenario) -> np.ndarray:
+    """Which walkers were cut off in the last iteration: they stand at the beginning of a walk without having arrived."""
+    begun = state.walkers.state.clock == state.walkers.state.instance.departure
+    return begun & (latest(state).observation_t.node != problem.destination)
+
+
+def test_counts_rounds_and_iterations(history: list[tuple[TrainState, RoundReport]]) -> None:
+    assert [int(state.iteration) for state, _ in history] == list(range(1, 21))
+    assert [int(state.replay.added) for state, _ in history] == list(range(64, 21 * 64, 64))
+    assert all(report.test_minutes.shape == (10,) for _, report in history)
+    assert all(np.isfinite(report.loss) and report.loss > 0 for _, report in history)
+
+
+def test_every_round_draws_its_own_numbers(states: list[TrainState]) -> None:
+    assert len({state.key.tobytes() for state in states}) == 20
+
+
+def test_the_target_is_copied_every_k_iterations(states: list[TrainState]) -> None:
+    for before, after in pairwise(states):
+        assert not eqx.tree_equal(after.network, before.network)
+        copied = int(after.iteration) % 5 == 0
+        assert eqx.tree_equal(after.target, after.network if copied else before.target)
+
+
+def test_the_target_moves_part_of_the_way(problem: Scenario, place: CrowdedMap) -> None:
+    config = dataclasses.replace(SMALL, target_period=2, target_rate=0.25)
+    run = [state for state, _ in follow_training(islice(train(config, problem, place), 5))]
+    for before, after in pairwise(run):
+        if int(after.iteration) % 2:
+            assert eqx.tree_equal(after.target, before.target)
+        else:
+            moved = jax.tree.map(lambda new, old: 0.25 * new + 0.75 * old, after.network, before.target)
+            assert eqx.tree_equal(after.target, moved, rtol=1e-5, atol=1e-6)
+            assert not eqx.tree_equal(after.target, before.target, rtol=1e-4, atol=1e-4)
+
+
+def test_what_the_replay_holds_happened(states: list[TrainState], problem: Scenario, place: CrowdedMap) -> None:
+    for before, after in pairwise(states):
+        seen = latest(after)
+        assert eqx.tree_equal(seen.observation_tm1, before.walkers.observation)
+        np.testing.assert_array_equal(
+            np.asarray(place.network.exit_node)[seen.observation_tm1.node, seen.a_tm1], seen.observation_t.node
+        )
+        # Who is still on the way stands where the transition ended; the others have begun anew.
+        over = (seen.observation_t.node == problem.destination) | truncated(after, problem)
+        np.testing.assert_array_equal(after.walkers.observation.node[~over], seen.observation_t.node[~over])
+        assert (after.walkers.state.clock[~over] > before.walkers.state.clock[~over]).all()
+        assert (after.walkers.state.clock[over] == 0).all()
+
+
+def test_arriving_ends_the_future_and_the_horizon_does_not(states: list[TrainState], problem: Scenario) -> None:
+    arrived = cut = 0
+    for state in states:
+        seen, cut_off = latest(state), truncated(state, problem)
+        at_destination = seen.observation_t.node == problem.destination
+        np.testing.assert_allclose(seen.discount_t, np.where(at_destination, 0, 0.9), rtol=1e-6)
+        arrived, cut = arrived + at_destination.sum(), cut + cut_off.sum()
+    assert arrived > 20
+    assert cut > 20  # walks were cut off, and the line above found the 0.9 beside them
+
+
+def test_reward_is_minutes_and_progress(states: list[TrainState], problem: Scenario, place: CrowdedMap) -> None:
+    position = np.asarray(place.network.position)
+    far = np.linalg.norm(position - position[problem.destination], axis=1)
+    for before, after in pairwise(states):
+        seen = latest(after)
+        arrived = seen.observation_t.node == problem.destination
+        going = ~arrived & ~truncated(after, problem)
+        minutes = (after.walkers.state.clock - before.walkers.state.clock)[going] / 60
+        progress = (far[seen.observation_tm1.node] - far[seen.observation_t.node])[going]
+        np.testing.assert_allclose(seen.r_t[going], 1e-3 * progress - minutes, rtol=1e-3, atol=1e-3)
+
+
+def test_epsilon_falls_as_configured(states: list[TrainState]) -> None:
+    @jax.jit
+    def greedy(network: DuelingQNetwork, seen: Any) -> jax.Array:
+        return jax.vmap(lambda one: jnp.argmax(mask(network(one), one.valid)))(seen)
+
+    others, expected, variance = 0, 0.0, 0.0
+    for before, after in pairwise(states):
+        seen = latest(after)
+        best = np.asarray(greedy(before.network, seen.observation_tm1))
+        random = int((seen.a_tm1 != best).sum())
+        # From 1 to 0 in the first 10 of 20 iterations; a random exit is the best one in one case of as many as exist.
+        epsilon = max(0.0, 1 - int(before.iteration) / 10)
+        chance = epsilon * (1 - 1 / seen.observation_tm1.valid.sum(axis=1))
+        if epsilon == 0:
+            assert random == 0
+        others, expected = others + random, expected + chance.sum()
+        variance += (chance * (1 - chance)).sum()
+    assert abs(others - expected) < 4 * variance**0.5
+    assert expected > 100
+
+
+def test_walks_begin_anywhere_for_the_configured_share(states: list[TrainState], problem: Scenario) -> None:
+    def origins(some: list[TrainState]) -> set[int]:
+        begun = [state.walkers.state.clock == 0 for state in some]
+        return set(
+            np.concatenate(
+                [state.walkers.state.instance.origin[new] for state, new in zip(some, begun, strict=True)]
+            ).tolist()
+        )
+
+    assert origins(states[:10]) == set(range(9)) - {problem.destination}
+    assert origins(states[10:]) == {problem.origin}
+
+
+def test_the_best_network_is_that_of_the_shortest_tests(history: list[tuple[TrainState, RoundReport]]) -> None:
+    minutes = [report.test_minutes.mean() for _, report in history]
+    for number, (state, _) in enumerate(history, start=1):
+        shortest = min(minutes[:number])
+        # The later of equals has learned more.
+        latest_best = max(i for i in range(number) if minutes[i] == shortest)
+        assert eqx.tree_equal(state.best, history[latest_best][0].network)
+        assert state.best_minutes == shortest
+
+
+@pytest.mark.parametrize(("best_so_far", "replaced"), [(1.0, False), (1000.0, True)])
+def test_the_best_network_stays_until_a_better_one_comes(
+    states: list[TrainState], problem: Scenario, place: CrowdedMap, best_so_far: float, replaced: bool
+) -> None:
+    other = jax.tree.map(lambda leaf: leaf + 1, states[0].network)
+    before = eqx.tree_at(lambda s: (s.best, s.best_minutes), states[8], (other, np.float32(best_so_far)))
+    after, report = follow_training(islice(train(SMALL, problem, place, on_device(before)), 1))[0]
+    assert 1 < report.test_minutes.mean() < 1000
+    assert eqx.tree_equal(after.best, after.network if replaced else other)
+    assert after.best_minutes == (report.test_minutes.mean() if replaced else best_so_far)
+
+
+def test_keep_chooses_between_best_and_last(states: list[TrainState], problem: Scenario) -> None:
+    state = eqx.tree_at(lambda s: s.best, states[3], jax.tree.map(lambda leaf: leaf + 1, states[3].network))
+    for keep, kept in (("best", state.best), ("last", state.network)):
+        config = dataclasses.replace(SMALL, keep=keep)
+        assert TrainingRun(problem, 6, 0, config, (), state).network is kept
+
+
+def test_the_same_seed_gives_the_same_run_to_the_bit(
+    history: list[tuple[TrainState, RoundReport]], problem: Scenario, place: CrowdedMap
+) -> None:
+    again = follow_training(train(SMALL, problem, draw_map(problem, seed=6)))
+    assert len(again) == len(history)
+    for one, other in zip(again, history, strict=True):
+        assert eqx.tree_equal(one, other)
+    # Another stream on the same map, crowds included, gives another run.
+    elsewhere = eqx.tree_at(lambda p: p.key, place, draw_map(problem, seed=7).key)
+    other = follow_training(islice(train(SMALL, problem, elsewhere), 3))[-1][0]
+    assert not np.allclose(other.network.value.weight, history[2][0].network.value.weight, atol=1e-3)
+    assert not np.array_equal(other.replay.items.a_tm1, history[2][0].replay.items.a_tm1)
+
+
+@pytest.mark.parametrize("rounds", [1, 7, 19])
+def test_resumed_training_is_the_same_to_the_bit(
+    history: list[tuple[TrainState, RoundReport]], problem: Scenario, place: CrowdedMap, rounds: int
+) -> None:
+    stored = jax.tree.map(np.copy, history[rounds - 1][0])
+    resumed = follow_training(train(SMALL, problem, place, on_device(stored)))
+    assert len(resumed) == 20 - rounds
+    for one, other in zip(resumed, history[rounds:], strict=True):
+        assert eqx.tree_equal(one, other)
+
+
+def test_a_finished_run_does_not_go_on(states: list[TrainState], problem: Scenario, place: CrowdedMap) -> None:
+    assert list(train(SMALL, problem, place, on_device(states[-1]))) == []

@@ -1,0 +1,95 @@
+"""Types and shapes checked at run time; one Hypothesis profile; the smallest networks."""
+
+import os  # INTERIM
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import settings
+from jaxtyping import install_import_hook
+
+# Before anything imports sidestep, or its annotations go unchecked.
+if os.environ.get("SIDESTEP_HOOK", "") == "1":  # INTERIM
+    # To mypy an int is a float (PEP 484); beartype has to be told.
+    install_import_hook("sidestep", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+
+from sidestep.environment.types import EnvParams, Instance  # noqa: E402
+from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
+from sidestep.travel_time import CrossingRule, SpeedField, speed_field  # noqa: E402
+
+# The same examples in every run, and no time limit on one: the first of each compiles.
+settings.register_profile("sidestep", derandomize=True, deadline=None)
+settings.load_profile("sidestep")
+
+MakeField = Callable[..., SpeedField]
+MakeParams = Callable[..., EnvParams]
+MakeInstance = Callable[..., Instance]
+
+
+@pytest.fixture(scope="session")
+def diamond() -> RoadNetwork:
+    """Two ways from node 0 to node 3, each street in both directions; node 1 is above, node 2 below.
+
+            1
+     100 m / \\ 200 m        segments 0: 0>1, 1: 1>3, 2: 0>2, 3: 2>3
+          0   3              and backwards 4: 1>0, 5: 3>1, 6: 2>0, 7: 3>2
+     150 m \\ / 250 m
+            2
+    """
+    return road_network(
+        np.array([[0, 0], [100, 100], [100, -100], [200, 0]]),
+        tail=[0, 1, 0, 2, 1, 3, 2, 3],
+        head=[1, 3, 2, 3, 0, 1, 0, 2],
+        length=[100, 200, 150, 250, 100, 200, 150, 250],
+    )
+
+
+@pytest.fixture(scope="session")
+def constant_field() -> MakeField:
+    """The same speed on every segment of a network for ever."""
+
+    def make(network: RoadNetwork, speed: float = 1.0, slots: int = 2, slot_seconds: float = 300.0) -> SpeedField:
+        return speed_field(jnp.full((network.segments, slots), speed), slot_seconds)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_params() -> MakeParams:
+    """An environment in which one crowd, or several, meets the walkers, and one, by default the first, is expected."""
+
+    def make(
+        network: RoadNetwork,
+        crowds: SpeedField,
+        expected: SpeedField | None = None,
+        *,
+        horizon: float = 1e5,
+        rule: CrossingRule = "integrated",
+    ) -> EnvParams:
+        several = crowds if crowds.speed.ndim == 3 else jax.tree.map(lambda leaf: leaf[None], crowds)
+        first = jax.tree.map(lambda leaf: leaf[0], several)
+        return EnvParams(network, several, first if expected is None else expected, jnp.float32(horizon), rule=rule)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_instance() -> MakeInstance:
+    """A walk, or a batch of walks where lists are given."""
+
+    def make(
+        origin: int | list[int] = 0,
+        destination: int | list[int] = 3,
+        departure: float | list[float] = 0.0,
+        crowd: int | list[int] = 0,
+    ) -> Instance:
+        shape = np.broadcast_shapes(*(np.shape(each) for each in (origin, destination, departure, crowd)))
+        return Instance(
+            *(jnp.broadcast_to(jnp.asarray(node, jnp.int32), shape) for node in (origin, destination)),
+            jnp.broadcast_to(jnp.asarray(departure, jnp.float32), shape),
+            jnp.broadcast_to(jnp.asarray(crowd, jnp.int32), shape),
+        )
+
+    return make

@@ -1,0 +1,89 @@
+"""Nobody is faster than the clairvoyant, whatever the map, the crowds and the decisions."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sidestep.environment.types import EnvParams, Instance
+from sidestep.planners.base import Plan, walk_plan
+from sidestep.planners.random_walk import RandomProgress, RandomWalk
+from sidestep.planners.search import Clairvoyant, Expected
+from sidestep.planners.shortest_path import ShortestPath
+from sidestep.scenarios import LAWS, draw_map, environment, scenario
+
+SIDE, WALKS, FUTURES = 4, 8, 3
+TOLERANCE = 1e-4
+# So long that even crowds at the jam density let everybody arrive: a walk that is cut off would count less than it took.
+HORIZON, SLOT_SECONDS = 7 * 24 * 3600.0, 1800.0
+
+
+class AnyTable:
+    """Decides by an arbitrary table of exits."""
+
+    name = "any-table"
+    level = "position"
+    decide = RandomWalk.decide
+
+    def __init__(self, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+
+    def plan(self, params: EnvParams, instances: Instance) -> Plan:
+        shape = (instances.origin.shape[0], params.network.nodes, params.network.exits)
+        return Plan(None, self.rng.random(shape) < 0.4)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("flows", ["arima", "forecast"])
+@settings(max_examples=12)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    crowded_nodes=st.integers(0, SIDE**2 - 2),
+    corner_to_corner=st.booleans(),
+    latest=st.sampled_from([0.0, 7200.0]),
+)
+def test_no_planner_beats_the_clairvoyant(
+    law: str, flows: str, seed: int, crowded_nodes: int, corner_to_corner: bool, latest: float
+) -> None:
+    # The number of crowded nodes matters to the map alone, so one compiled environment serves all of them.
+    common = dict(side=SIDE, law=law, flows=flows, horizon=HORIZON, slot_seconds=SLOT_SECONDS)
+    place = draw_map(scenario("paper-congested", crowded_nodes=crowded_nodes, **common), seed)
+    params = environment(scenario("paper-congested", **common), place, "test", FUTURES)
+    rng = np.random.default_rng(seed)
+    ends = rng.integers(SIDE**2, size=(2, WALKS))
+    todo = Instance(
+        origin=jnp.asarray(ends[0] * (not corner_to_corner), jnp.int32),
+        destination=jnp.asarray(np.where(corner_to_corner, SIDE**2 - 1, ends[1]), jnp.int32),
+        departure=jnp.asarray(rng.uniform(0, latest, WALKS), jnp.float32),
+        crowd=jnp.asarray(rng.integers(params.crowds.count, size=WALKS), jnp.int32),
+    )
+
+    def seconds(planner) -> np.ndarray:
+        walked = walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(seed))
+        return np.asarray(walked.seconds, np.float64)
+
+    best = seconds(Clairvoyant())
+    assert (best < HORIZON).all()
+    for planner in (RandomWalk(), RandomProgress(), ShortestPath(), Expected(), AnyTable(seed)):
+        assert (seconds(planner) >= best * (1 - TOLERANCE)).all(), planner.name
+
+
+def test_the_bound_can_be_missed_and_reached() -> None:
+    # Or the property above would hold of a bound that is merely low, or of planners that are all alike.
+    congested = scenario("paper-congested", side=SIDE, horizon=HORIZON, slot_seconds=SLOT_SECONDS)
+    params = environment(congested, draw_map(congested, 0), "test", FUTURES)
+    crowds = params.crowds.count
+    todo = Instance(
+        jnp.zeros(crowds, jnp.int32), jnp.full(crowds, SIDE**2 - 1), jnp.zeros(crowds), jnp.arange(crowds)
+    )
+    mean = {
+        planner.name: float(
+            walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(0)).seconds.mean()
+        )
+        for planner in (RandomWalk(), RandomProgress(), ShortestPath(), Expected(), Clairvoyant())
+    }
+    assert mean["clairvoyant"] <= mean["expected"] < 1.2 * mean["clairvoyant"]
+    assert mean["expected"] < mean["shortest-path"] < mean["random-walk"]
+    assert mean["clairvoyant"] < mean["random-progress"] < mean["random-walk"]
