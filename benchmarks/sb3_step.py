@@ -4,10 +4,9 @@ Both learn the same map with the same sizes: two inputs, two hidden layers of 50
 steps, one gradient step after every step, the same reward and the same ends of episodes. Each runs once to warm up (and
 compile); then they take turns, and the medians are compared. See README.md for how to install and run this.
 
-What is not the same is to Stable-Baselines3's advantage: its replay is uniform, where the paper's preset keeps and draws
-priorities, and its network has no dueling heads. Sidestep's figure contains the ten greedy test walks that follow every
-round, Stable-Baselines3's contains no test. It steps a grid in plain Python, as its users write environments, with
-PyTorch on as many threads as is fastest for it.
+What is not the same is to the advantage of Stable-Baselines3: its replay is uniform, where the paper's preset keeps
+priorities and draws by them, and its network has no dueling heads; Sidestep's time contains the ten greedy test walks
+that follow every round. The environment of Stable-Baselines3 is plain Python, as its users write them.
 """
 
 import argparse
@@ -30,7 +29,7 @@ from sidestep.agent.config import PRESETS, TrainConfig
 from sidestep.agent.train import train
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import EnvParams
-from sidestep.scenarios import CrowdedMap, Scenario, draw_map, environment, instances, scenario
+from sidestep.scenarios import CrowdedMap, Scenario, draw_map, instances, make_environment, scenario
 
 
 class Grid(gymnasium.Env):
@@ -160,11 +159,9 @@ def main() -> None:
 
     problem = scenario("paper-congested")
     place = draw_map(problem, seed=0)
-    params = environment(problem, place, "learn", 8)
+    params = make_environment(problem, place, "learn", 8)
     config = PRESETS["paper"]
-    config = dataclasses.replace(
-        config, rounds=options.repeats + 1, round_steps=options.rounds * config.round_steps
-    )
+    config = dataclasses.replace(config, rounds=options.repeats + 1, round_steps=options.rounds * config.round_steps)
     grid = Grid(problem, params)
     check_same(grid, problem, params)
 
@@ -177,8 +174,7 @@ def main() -> None:
             microseconds[name].append(run())
     median = {name: statistics.median(times) for name, times in microseconds.items()}
     ratios = [
-        theirs / ours
-        for ours, theirs in zip(microseconds["sidestep"], microseconds["stable-baselines3"], strict=True)
+        theirs / ours for ours, theirs in zip(microseconds["sidestep"], microseconds["stable-baselines3"], strict=True)
     ]
     found = {
         "unit": "microseconds per environment step with its gradient step",

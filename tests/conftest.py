@@ -1,6 +1,5 @@
 """Types and shapes checked at run time; one Hypothesis profile; the smallest networks."""
 
-import os  # INTERIM
 from collections.abc import Callable
 
 import jax
@@ -11,9 +10,8 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 # Before anything imports sidestep, or its annotations go unchecked.
-if os.environ.get("SIDESTEP_HOOK", "") == "1":  # INTERIM
-    # To mypy an int is a float (PEP 484); beartype has to be told.
-    install_import_hook("sidestep", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+# To mypy an int is a float (PEP 484); beartype has to be told.
+install_import_hook("sidestep", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
 from sidestep.environment.types import EnvParams, Instance  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
@@ -32,11 +30,11 @@ MakeInstance = Callable[..., Instance]
 def diamond() -> RoadNetwork:
     """Two ways from node 0 to node 3, each street in both directions; node 1 is above, node 2 below.
 
-            1
-     100 m / \\ 200 m        segments 0: 0>1, 1: 1>3, 2: 0>2, 3: 2>3
-          0   3              and backwards 4: 1>0, 5: 3>1, 6: 2>0, 7: 3>2
-     150 m \\ / 250 m
-            2
+           1
+    100 m / \\ 200 m        segments 0: 0>1, 1: 1>3, 2: 0>2, 3: 2>3
+         0   3              and backwards 4: 1>0, 5: 3>1, 6: 2>0, 7: 3>2
+    150 m \\ / 250 m
+           2
     """
     return road_network(
         np.array([[0, 0], [100, 100], [100, -100], [200, 0]]),

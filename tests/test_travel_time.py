@@ -229,7 +229,7 @@ def in_single(
 
 
 def rounding(speed: np.ndarray, slot_seconds: float, metres: float, clock: float) -> float:
-    """Seconds by which single precision may be off: metres are rounded, then walked at the slowest speed; so are clocks."""
+    """Seconds by which single precision may be off: it rounds clocks, and metres that are then walked slowly."""
     farthest = float(speed.max()) * (SLOTS * slot_seconds + clock) + metres
     latest = clock + metres / float(speed.min())
     return 8 * EPS * (farthest / float(speed.min()) + latest)

@@ -17,7 +17,7 @@ _HOME = {
     "TrainConfig": "agent.config",
     "compare": "evaluation.compare",
     "draw_map": "scenarios",
-    "environment": "scenarios",
+    "make_environment": "scenarios",
     "instances": "scenarios",
     "road_network": "network.graph",
     "routes": "planners.base",

@@ -70,7 +70,7 @@ def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> N
 def reproduce(
     *,
     maps: Annotated[int, Parameter(help="Maps in each condition.")] = 100,
-    quick: Annotated[bool, Parameter(negative=(), help="A small run of everything: 4 maps, 5 walks.")] = False,
+    quick: Annotated[bool, Parameter(negative=(), help="A small run of everything: 2 maps, 5 walks.")] = False,
     out: Out = Path("reproduction"),
     seed: Seed = 0,
     rule: Annotated[Literal["integrated", "entry"], Parameter(help="How crossing times are counted.")] = "integrated",

@@ -1,8 +1,8 @@
 """Named problems: streets, crowds, speed law and walks, from one seed.
 
 A scenario is drawn in two steps. :func:`draw_map` gives map number ``index`` of a seed: streets and today's crowds.
-:func:`environment` gives futures of these crowds for one *purpose*. The purpose is part of every random stream, so the
-futures that planners are compared on can never be those that the agent was trained on.
+:func:`make_environment` gives futures of these crowds for one *purpose*. The purpose is part of every random stream,
+so the futures that planners are compared on can never be those that the agent was trained on.
 """
 
 import difflib
@@ -143,7 +143,7 @@ def purpose_key(place: CrowdedMap, purpose: Purpose) -> Key[Array, ""]:
 
 
 @partial(jax.jit, static_argnames=("scenario", "purpose", "crowds"))
-def environment(scenario: Scenario, place: CrowdedMap, purpose: Purpose, crowds: int) -> EnvParams:
+def make_environment(scenario: Scenario, place: CrowdedMap, purpose: Purpose, crowds: int) -> EnvParams:
     """The environment on one map with possible futures for one purpose.
 
     ``crowds`` futures are drawn; where the flows are the forecast only there is one, whatever was asked.

@@ -11,7 +11,7 @@ from sidestep.planners.base import Planner, walk_plan
 from sidestep.planners.darp import train_darp
 from sidestep.planners.search import Clairvoyant
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import BUILT_IN, draw_map, environment, instances, purpose_key, scenario
+from sidestep.scenarios import BUILT_IN, draw_map, instances, make_environment, purpose_key, scenario
 
 
 def test_the_paper_preset_is_the_papers_numbers() -> None:
@@ -27,7 +27,7 @@ def test_the_paper_preset_is_the_papers_numbers() -> None:
     assert paper.epsilon == paper.epsilon_end
     assert paper.target_rate == 1
     assert paper.target_period > 1
-    # Coordinates alone, rewards as they are, no double Q, every walk from the origin, the network that training ends with.
+    # Coordinates alone, no double Q, rewards as they are, all walks from the origin, the network of the last step.
     assert (paper.one_hot, paper.double) == (False, False)
     assert paper.unit == 1
     assert paper.random_origins == 0
@@ -57,8 +57,8 @@ def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> No
     place = draw_map(problem, seed=1)
     rounds: list[int] = []
     darp = train_darp(PRESETS["default"], problem, place, lambda number, _: rounds.append(number))
-    assert rounds == list(range(1, 51))
-    params = environment(problem, place, "test", 1)
+    assert rounds == list(range(1, PRESETS["default"].rounds + 1))
+    params = make_environment(problem, place, "test", 1)
     todo = instances(problem, params, 1)
 
     def walk(planner: Planner) -> Walk:

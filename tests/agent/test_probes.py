@@ -30,10 +30,10 @@ DEFAULT = dataclasses.replace(
     PRESETS["default"], rounds=10, round_steps=4_800, walkers=16, batch=64, capacity=16_384, hidden=(16, 16), gamma=0.8,
     epsilon_end=1.0,
 )  # fmt: skip
-# The paper's learner: one network selects and values, and is copied; coordinates alone; RMSProp, in fewer, larger steps.
+# The paper's learner: one network selects and values, and is copied; coordinates alone; RMSProp, in larger steps.
 PAPER = dataclasses.replace(
-    PRESETS["paper"], rounds=4, round_steps=16_000, walkers=16, hidden=(16, 16), gamma=0.8, epsilon=1.0, epsilon_end=1.0,
-    learning_rate=3e-3, learning_rate_end=0.0, target_period=50,
+    PRESETS["paper"], rounds=4, round_steps=16_000, walkers=16, hidden=(16, 16), gamma=0.8,
+    epsilon=1.0, epsilon_end=1.0, learning_rate=3e-3, learning_rate_end=0.0, target_period=50,
 )  # fmt: skip
 
 
@@ -59,13 +59,11 @@ def learn(config: TrainConfig, params: EnvParams, destination: int) -> tuple[np.
     walks = [jnp.full(2, number) for number in (0, destination)]
     tests = Instance(*walks, jnp.zeros(2), jnp.array([0, params.crowds.count - 1]))
     # Training takes from a map only its random stream: what it meets is in the environment.
-    place = CrowdedMap(
-        params.network, ArimaFlow(jnp.zeros(params.network.segments), load_fitted()), jax.random.key(0)
-    )
+    place = CrowdedMap(params.network, ArimaFlow(jnp.zeros(params.network.segments), load_fitted()), jax.random.key(0))
     state = start(config, params, anywhere, place)
     for _ in range(config.rounds):
         state, report = train_round(config, params, anywhere, tests, state)
-    seen = Observation(jnp.arange(nodes), params.network.position, params.network.valid)
+    seen = jax.vmap(Observation)(jnp.arange(nodes), params.network.position, params.network.valid)
     q = jax.jit(jax.vmap(state.network))(seen)
     return np.where(seen.valid, q, np.nan), report
 

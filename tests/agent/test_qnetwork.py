@@ -26,14 +26,12 @@ def grid() -> RoadNetwork:
 def network_for(grid: RoadNetwork, preset: str, seed: int = 0, **changes: object) -> DuelingQNetwork:
     """A fresh network as a preset has it."""
     config = dataclasses.replace(PRESETS[preset], **changes)
-    return dueling_network(
-        grid, jax.random.key(seed), hidden=config.hidden, one_hot=config.one_hot, unit=config.unit
-    )
+    return dueling_network(grid, jax.random.key(seed), hidden=config.hidden, one_hot=config.one_hot, unit=config.unit)
 
 
 def everywhere(grid: RoadNetwork) -> Observation:
     """What is seen at every node."""
-    return Observation(jnp.arange(grid.nodes), grid.position, grid.valid)
+    return jax.vmap(Observation)(jnp.arange(grid.nodes), grid.position, grid.valid)
 
 
 values = eqx.filter_jit(lambda network, seen: jax.vmap(network)(seen))
@@ -71,7 +69,7 @@ def test_the_mean_over_valid_exits_is_the_value(value: float, advantage: list[fl
     np.testing.assert_allclose(q - q[0], np.array(advantage)[valid] - np.array(advantage)[valid][0], atol=1e-3)
 
 
-def test_a_network_by_hand(grid: RoadNetwork) -> None:
+def test_a_network_by_hand() -> None:
     network = DuelingQNetwork(
         offset=jnp.array([100.0, 0.0]),
         scale=jnp.array([0.01, 0.1]),

@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 from sidestep.agent import replay as memory
 from sidestep.agent.replay import FANOUT, Replay, SumTree, empty_replay, importance, sum_tree
 
-CAPACITIES = (1, 33, 1024, 10_000, 20_032)  # 1,024 is a power of the fanout of 32, 20,032 a multiple, the others neither
+CAPACITIES = (
+    1,
+    33,
+    1024,
+    10_000,
+    20_032,
+)  # 1,024 is a power of the fanout of 32, 20,032 a multiple, the others neither
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=25)
 
@@ -79,8 +85,16 @@ def test_a_tree_of_two_levels() -> None:
 @pytest.mark.parametrize(
     ("capacity", "blocks"),
     # 10,000 / 32 = 312.5 and 313 / 32 = 9.8; 20,032 / 32 = 626 and 626 / 32 = 19.6
-    [(1, [1]), (32, [1]), (33, [1, 2]), (1024, [1, 32]), (1025, [1, 2, 33]), (10_000, [1, 10, 313]), (20_032, [1, 20, 626])],
-)  # fmt: skip
+    [
+        (1, [1]),
+        (32, [1]),
+        (33, [1, 2]),
+        (1024, [1, 32]),
+        (1025, [1, 2, 33]),
+        (10_000, [1, 10, 313]),
+        (20_032, [1, 20, 626]),
+    ],
+)
 def test_levels(capacity: int, blocks: list[int]) -> None:
     assert FANOUT == 32
     tree = sum_tree(capacity)
@@ -187,7 +201,9 @@ def replay_of(priorities: list[float], capacity: int = 8) -> Replay[Item]:
     replay = empty_replay(jax.tree.map(lambda leaf: leaf[0], items(0)), capacity)
     replay = add(replay, items(*range(len(priorities))), len(priorities))
     return eqx.tree_at(
-        lambda r: r.priorities, replay, set_leaves(replay.priorities, jnp.arange(len(priorities)), jnp.array(priorities))
+        lambda r: r.priorities,
+        replay,
+        set_leaves(replay.priorities, jnp.arange(len(priorities)), jnp.array(priorities)),
     )
 
 

@@ -90,6 +90,4 @@ def test_vmap_equals_a_loop() -> None:
     looped = [q_learning(*(leaf[i] for leaf in batch), valid_t[i]) for i in range(20)]
     np.testing.assert_allclose(jax.vmap(q_learning)(*batch, valid_t), looped, rtol=1e-6, atol=1e-6)
     looped = [double_q_learning(*(leaf[i] for leaf in batch), selector_t[i], valid_t[i]) for i in range(20)]
-    np.testing.assert_allclose(
-        jax.vmap(double_q_learning)(*batch, selector_t, valid_t), looped, rtol=1e-6, atol=1e-6
-    )
+    np.testing.assert_allclose(jax.vmap(double_q_learning)(*batch, selector_t, valid_t), looped, rtol=1e-6, atol=1e-6)

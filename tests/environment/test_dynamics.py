@@ -202,7 +202,7 @@ def test_the_ends_of_the_unit_interval(uniform: float) -> None:
 # --- Compiled, side by side, pure -----------------------------------------------------------------------------------
 
 
-def batch(busy: EnvParams) -> tuple[EnvState, jax.Array]:
+def batch() -> tuple[EnvState, jax.Array]:
     """Every node and action, at various clocks, in both crowds."""
     node, action = (jnp.asarray(each.ravel(), jnp.int32) for each in np.mgrid[:9, :4])
     clock = jnp.linspace(0, 1500, 36)
@@ -211,7 +211,7 @@ def batch(busy: EnvParams) -> tuple[EnvState, jax.Array]:
 
 
 def test_jit_and_vmap_agree_with_plain_calls(busy) -> None:
-    states, actions = batch(busy)
+    states, actions = batch()
     together = jax.jit(jax.vmap(step, in_axes=(None, 0, 0)))(busy, states, actions)
     for i in range(0, 36, 5):
         state, action = jax.tree.map(lambda leaf, i=i: leaf[i], (states, actions))
@@ -224,7 +224,7 @@ def test_jit_and_vmap_agree_with_plain_calls(busy) -> None:
 
 def test_stepping_has_no_effects(busy, make_instance) -> None:
     state, _ = reset(busy, make_instance(destination=8))
-    before = jax.tree.map(lambda leaf: np.array(leaf), (busy, state))
+    before = jax.tree.map(np.array, (busy, state))
     first, second = (step(busy, state, jnp.int32(2)) for _ in range(2))
     for one, other in zip(*map(jax.tree.leaves, (first, second)), strict=True):
         assert one.tolist() == other.tolist()

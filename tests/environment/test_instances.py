@@ -1,5 +1,7 @@
 """What the sampler draws."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +20,7 @@ SAMPLER = InstanceSampler(
     departures=jnp.array([600.0, 900.0]),
     crowds=jnp.array(3),
 )
-sample = jax.jit(lambda uniform: SAMPLER.sample(uniform))
+sample = partial(jax.jit(InstanceSampler.sample), SAMPLER)
 
 
 def test_by_hand() -> None:

@@ -153,8 +153,8 @@ def test_the_rule_is_heeded(rule: CrossingRule, arrives: float) -> None:
     assert float(arrival[2]) == pytest.approx(arrives)
 
 
-def jams(diamond: RoadNetwork) -> tuple[SpeedField, SpeedField]:
-    """What is expected and what comes, in slots of 300 s, at 1 m/s where there is no jam.
+def jams() -> tuple[SpeedField, SpeedField]:
+    """On the diamond, what is expected and what comes, in slots of 300 s, at 1 m/s where there is no jam.
 
     Expected: 1 > 3 is jammed at 0.1 m/s for ever. What comes: that jam clears at 300 s, and then 2 > 3 is jammed.
     """
@@ -165,7 +165,7 @@ def jams(diamond: RoadNetwork) -> tuple[SpeedField, SpeedField]:
 
 
 def test_in_hindsight_one_walks_into_the_jam_that_clears(diamond, make_params, make_instance) -> None:
-    expected, real = jams(diamond)
+    expected, real = jams()
     params = make_params(diamond, real, expected)
     (hindsight,) = routes(Clairvoyant(), params, make_instance([0]), jax.random.key(0), 5)
     # above: 100 s to node 1, 20 m in the jam till 300 s, 180 m in 180 s
@@ -185,7 +185,7 @@ def test_in_hindsight_one_walks_into_the_jam_that_clears(diamond, make_params, m
 
 def test_the_departure_decides(diamond, make_params, make_instance) -> None:
     # From 300 s on, 1 > 3 is free and 2 > 3 is jammed; before, both ways are as above.
-    _, real = jams(diamond)
+    _, real = jams()
     params = make_params(diamond, real, horizon=1e5)
     late = fastest_exits(diamond, real, make_instance(departure=300.0), "integrated")
     assert late.tolist() == [[True, False], [True, False], [False, False], [False, False]]
@@ -203,7 +203,7 @@ def test_the_departure_decides(diamond, make_params, make_instance) -> None:
 
 
 def test_each_walk_has_its_own_crowd(diamond, make_params, make_instance) -> None:
-    expected, real = jams(diamond)
+    expected, real = jams()
     both = jax.tree.map(lambda *leaves: jnp.stack(leaves), expected, real)
     params = make_params(diamond, both)
     todo = make_instance([0, 0, 0], 3, 0.0, [0, 1, 0])

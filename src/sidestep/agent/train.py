@@ -18,7 +18,7 @@ from sidestep.environment.dynamics import observe, random_exit, reset, step
 from sidestep.environment.instances import DRAWS, InstanceSampler
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.environment.walk import Decide, walk
-from sidestep.scenarios import CrowdedMap, Scenario, environment, instances, purpose_key, sampler
+from sidestep.scenarios import CrowdedMap, Scenario, instances, make_environment, purpose_key, sampler
 
 
 class Transition(eqx.Module):
@@ -82,7 +82,7 @@ def train(
 
     The state that was yielded is used up by the next round: copy what is to be kept.
     """
-    params = environment(scenario, place, "learn", TRAINING_CROWDS + TEST_WALKS)
+    params = make_environment(scenario, place, "learn", TRAINING_CROWDS + TEST_WALKS)
     here = sampler(scenario, params, TRAINING_CROWDS)
     anywhere = sampler(scenario, params, TRAINING_CROWDS, anywhere=True)
     total = config.rounds * config.iterations
@@ -97,7 +97,7 @@ def train(
 
 def untrained(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> TrainState:
     """A state as :func:`train` begins with, in shape and type; ``jax.eval_shape`` gives that without the work."""
-    params = environment(scenario, place, "learn", 1)
+    params = make_environment(scenario, place, "learn", 1)
     return start(config, params, sampler(scenario, params, 1), place)
 
 

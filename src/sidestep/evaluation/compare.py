@@ -19,7 +19,7 @@ from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
 from sidestep.planners.random_walk import RandomProgress, RandomWalk
 from sidestep.planners.search import Clairvoyant, Expected
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import CrowdedMap, Scenario, draw_map, environment, instances, purpose_key
+from sidestep.scenarios import CrowdedMap, Scenario, draw_map, instances, make_environment, purpose_key
 
 PlannerFactory = Callable[[CrowdedMap, int], Planner | None]  # for map and its number; None skips this map and later
 BASELINES: dict[str, PlannerFactory] = {
@@ -138,7 +138,7 @@ def walk_map(
 ) -> dict[str, Walked]:
     """All planners on map number ``index``."""
     place = draw_map(scenario, seed, index)
-    params = environment(scenario, place, "test", walks)
+    params = make_environment(scenario, place, "test", walks)
     todo = instances(scenario, params, walks)
     found = {}
     for name, factory in planners.items():

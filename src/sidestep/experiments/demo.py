@@ -12,7 +12,7 @@ from sidestep.planners.base import routes
 from sidestep.planners.darp import Darp, OnRound, train_darp
 from sidestep.planners.search import Clairvoyant
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import draw_map, environment, instances, purpose_key, scenario
+from sidestep.scenarios import draw_map, instances, make_environment, purpose_key, scenario
 
 SCENARIO = "paper-congested"
 WALKS = 200
@@ -34,7 +34,7 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     place = draw_map(problem, seed)
     darp = train_darp(PRESETS["default"], problem, place, on_round)
     comparison = compare(problem, {**BASELINES, Darp.name: lambda *_: darp}, maps=[0], walks=WALKS, seed=seed)
-    params = environment(problem, place, "test", WALKS)
+    params = make_environment(problem, place, "test", WALKS)
     walk = instances(problem, params, 1)
     shown = {
         planner.name: routes(planner, params, walk, purpose_key(place, "test"), TRACE)[0]

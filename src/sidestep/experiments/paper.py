@@ -86,7 +86,7 @@ class Plan:
         return self.maps * len(CONDITIONS) * len(FLOWS)
 
 
-QUICK = Plan(maps=4, literal_maps=2, walks=5)
+QUICK = Plan(maps=2, literal_maps=1, walks=5)
 
 
 @dataclass(frozen=True)

@@ -91,8 +91,8 @@ def claims(results: Mapping[str, Results]) -> list[Claim]:
             f"{_percent(noisy['darp']['regret'])}; a fixed plan made on expected flows has "
             f"{_percent(noisy['expected']['regret'])}.",
             "holds" if noisy["darp"]["regret"] < noisy["expected"]["regret"] - 0.003 else "fails",
-            "Its state is the position alone: it sees neither clock nor crowd, and repeats one route. It can be as good "
-            "as the best fixed plan, no better.",
+            "Its state is the position alone: it sees neither clock nor crowd, and repeats one route. At best it is as "
+            "good as the best fixed plan.",
         ),
     ]
 

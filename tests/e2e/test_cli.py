@@ -1,0 +1,259 @@
+"""The command line as people use it: real processes, real training, real files."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+ROW = {
+    "level",
+    "mean_minutes",
+    "ci95",
+    "saving_vs_shortest_path",
+    "regret",
+    "regret_ci95",
+    "arrival_rate",
+    "decision_us",
+}
+
+
+@pytest.fixture(scope="session")
+def environ(tmp_path_factory):
+    # One compilation cache for all processes of a run, and none of the user's.
+    return {**os.environ, "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "200"}
+
+
+@pytest.fixture(scope="session")
+def sidestep(environ):
+    def run(*args, cwd=None):
+        command = [sys.executable, "-m", "sidestep", *map(str, args)]
+        return subprocess.run(command, env=environ, cwd=cwd, capture_output=True, text=True, timeout=300)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def model(sidestep, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("models") / "m"
+    done = sidestep("train", "paper-congested", "--side", 3, "--crowded-nodes", 1, "--rounds", 3, "--out", folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def one_sentence(done, status=2):
+    assert done.returncode == status, (done.returncode, done.stdout, done.stderr)
+    assert done.stderr.startswith("sidestep: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert "Traceback" not in done.stderr + done.stdout
+    return done.stderr
+
+
+def test_help_names_all_commands(sidestep):
+    done = sidestep("--help")
+    assert done.returncode == 0
+    for command in ("demo", "reproduce", "train", "compare", "counts"):
+        assert re.search(rf"\b{command}\b", done.stdout)
+        assert "--seed" in sidestep(command, "--help").stdout
+        assert "--json" in sidestep(command, "--help").stdout
+
+
+def test_help_loads_nothing_heavy():
+    loaded = subprocess.run(
+        [sys.executable, "-c", "import sys, sidestep, sidestep.cli; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+    ).stdout.split()
+    assert not {"jax", "pandas", "matplotlib", "statsmodels", "equinox", "optax", "rustworkx"} & set(loaded)
+
+
+def test_compare_prints_the_agreed_shape(sidestep):
+    done = sidestep(
+        "compare", "paper-congested", "--maps", 2, "--walks", 3, "--side", 3, "--crowded-nodes", 1, "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # no bar where there is no terminal
+    found = json.loads(done.stdout)
+    assert (found["scenario"], found["maps"], found["walks"], found["seed"]) == ("paper-congested", 2, 3, 0)
+    assert set(found["planners"]) == {
+        "random-walk", "random-progress", "shortest-path", "expected", "clairvoyant", "darp",
+    }  # fmt: skip
+    for row in found["planners"].values():
+        assert set(row) >= ROW
+        assert row["regret"] >= -1e-4
+        assert row["ci95"][0] <= row["mean_minutes"] <= row["ci95"][1]
+    assert found["planners"]["shortest-path"]["saving_vs_shortest_path"] == 0
+    assert found["planners"]["clairvoyant"]["regret"] == 0
+
+
+def test_the_same_seed_gives_the_same_numbers(sidestep):
+    args = ("compare", "paper-unblocked", "--maps", 2, "--walks", 3, "--planners", "random-walk,expected", "--json")
+
+    def minutes(*more):
+        rows = json.loads(sidestep(*args, *more).stdout)["planners"]
+        return {name: row["mean_minutes"] for name, row in rows.items()}
+
+    assert minutes("--workers", 1) == minutes("--workers", 2)
+    assert minutes() != minutes("--seed", 1)
+
+
+def test_demo_writes_a_picture(sidestep, tmp_path):
+    done = sidestep("demo", "--out", tmp_path / "d")
+    assert done.returncode == 0, done.stderr
+    assert "darp" in done.stdout
+    assert (tmp_path / "d" / "map.png").read_bytes().startswith(b"\x89PNG")
+    assert [file.name for file in (tmp_path / "d").iterdir()] == ["map.png"]
+
+
+def test_train_resumes_where_it_was(sidestep, model):
+    args = ("train", "paper-congested", "--side", 3, "--crowded-nodes", 1, "--json")
+    straight = json.loads(sidestep(*args, "--rounds", 3).stdout)
+    assert len(straight["curve_minutes"]) == 3
+    assert one_sentence(sidestep(*args, "--rounds", 3, "--out", model, "--resume")).count("trained to the end") == 1
+    assert "other" in one_sentence(sidestep(*args, "--rounds", 3, "--out", model, "--resume", "--seed", 5))
+    assert "--out" in one_sentence(sidestep(*args, "--resume"))
+
+
+def test_compare_takes_a_trained_model(sidestep, model):
+    args = ("compare", "paper-congested", "--side", 3, "--crowded-nodes", 1, "--walks", 4, "--model", model)
+    done = sidestep(*args, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["planners"]["darp"]["arrival_rate"] >= 0
+    assert "trained on" in one_sentence(sidestep("compare", "paper-unblocked", "--model", model))
+    assert "trained on" in one_sentence(sidestep(*args, "--seed", 7))
+
+
+def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
+    folder = tmp_path / "m"
+    command = [sys.executable, "-m", "sidestep", "train", "paper-unblocked", "--rounds", "100000", "--out", str(folder)]
+    process = subprocess.Popen(command, env=environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    checkpoint = folder / "checkpoint.eqx"
+    deadline = time.monotonic() + 120
+    while not checkpoint.exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.startswith("sidestep: stopped")
+    assert len(err.splitlines()) == 1
+    assert out == ""
+    assert [file.name for file in folder.iterdir()] == ["checkpoint.eqx"]
+    from sidestep.agent import checkpoint as checkpoints
+
+    assert len(checkpoints.load(folder).curve) >= 1
+
+
+def test_reproduce_quick_writes_everything(sidestep, tmp_path):
+    out = tmp_path / "r"
+    done = sidestep("reproduce", "--quick", "--out", out, "--json")
+    assert done.returncode == 0, done.stderr
+    results = json.loads((out / "results.json").read_text())
+    assert results == json.loads(done.stdout)
+    for key in ("unblocked", "congested", "unblocked_forecast", "congested_forecast"):
+        assert set(results[key]["planners"]["darp"]) >= ROW
+        assert results[key]["planners"]["darp"]["arrival_rate"] == 1.0
+        assert (out / f"{key.replace('_', '-')}.png").read_bytes().startswith(b"\x89PNG")
+    assert results["congested_forecast"]["planners"]["darp"]["regret"] <= 0.01
+    report = (out / "report.html").read_text()
+    for number in ("37.3", "52.1", "65.3", "-67", "-75"):
+        assert number in report
+    assert 'src="data:image/png;base64,' in report
+    assert not re.search(r'(src|href)="(?!data:)', report)  # nothing outside the file
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (("compare", "paper-congestd"), "did you mean paper-congested"),
+        (("train", "nowhere"), "unknown scenario 'nowhere'"),
+        (("compare", "paper-congested", "--maps", "-1"), "--maps must be at least 1, not -1"),
+        (("compare", "paper-congested", "--walks", "0"), "--walks must be at least 1, not 0"),
+        (("compare", "paper-congested", "--workers", "0"), "--workers must be at least 1, not 0"),
+        (("compare", "paper-congested", "--side", "-3"), "side must be at least 2 nodes, not -3"),
+        (("compare", "paper-congested", "--crowded-nodes", "-1"), "crowded nodes must be between 0 and 34"),
+        (("compare", "paper-congested", "--planners", "astar"), "unknown planner 'astar'"),
+        (("compare", "paper-congested", "--model", "no/such/folder"), "no model in no/such/folder"),
+        (("compare", "paper-congested", "--seed", "-1"), "--seed must be at least 0, not -1"),
+        (("train", "paper-congested", "--rounds", "0"), "rounds must be at least 1, not 0"),
+        (("train", "paper-congested", "--gamma", "1.5"), "gamma must lie between 0 and 1, not 1.5"),
+        (("train", "paper-congested", "--map", "-1"), "--map must be at least 0, not -1"),
+        (("reproduce", "--maps", "0"), "--maps must be at least 1, not 0"),
+        (("train",), "SCENARIO"),
+        (("walk",), "walk"),
+        (("train", "paper-congested", "--speed", "3"), "--speed"),
+        (("compare", "paper-congested", "--maps", "many"), "many"),
+        (("counts", "no-such-file.csv"), "no-such-file.csv"),
+        (("counts", "--sensor", "45 Quen Street"), "45 Queen Street"),
+    ],
+)
+def test_bad_input_gets_one_sentence(sidestep, args, says, tmp_path):
+    assert says in one_sentence(sidestep(*args, cwd=tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"time\n", b"time,a\n2024-01-01T00,-5\n", b"\xff\xfe\x00", b"<html></html>\n"]
+)
+def test_malformed_counts_name_the_file(sidestep, content, tmp_path):
+    (tmp_path / "c.csv").write_bytes(content)
+    assert "c.csv" in one_sentence(sidestep("counts", "c.csv", cwd=tmp_path))
+
+
+@pytest.mark.parametrize("command", [("demo",), ("reproduce", "--quick"), ("train", "paper-congested")])
+def test_output_folder_that_cannot_be_written(sidestep, command, tmp_path):
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("here first")
+    assert "cannot write" in one_sentence(sidestep(*command, "--out", in_the_way / "out"))
+    assert in_the_way.read_text() == "here first"
+
+
+def test_counts_of_an_own_file(sidestep, tmp_path):
+    hours = [f"2024-{month:02}-{day:02}T{hour:02}" for month in (1, 2) for day in range(1, 29) for hour in range(24)]
+    hours = [hour for hour in hours if hour < "2024-01-29"]
+    rows = [f"{hour},{100 + 50 * (int(hour[-2:]) % 12) + (i * 37) % 23}" for i, hour in enumerate(hours)]
+    (tmp_path / "c.csv").write_text("time,bridge\n" + "\n".join(rows) + "\n")
+    done = sidestep("counts", "c.csv", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["sensor"] == "bridge"
+    assert found["hours"] == 28 * 24
+    assert all(error > 0 for error in found["rmse"].values())
+
+
+def test_damaged_models_are_refused(sidestep, model, tmp_path):
+    whole = (model / "checkpoint.eqx").read_bytes()
+    line, numbers = whole.split(b"\n", 1)
+    other = json.loads(line) | {"format": 99}
+    cases = {
+        "cut short": whole[: len(whole) // 2],
+        "is not a Sidestep model": b"\x00\x01\x02",
+        "model format 99": json.dumps(other).encode() + b"\n" + numbers,
+    }
+    for number, (says, content) in enumerate(cases.items()):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        (folder / "checkpoint.eqx").write_bytes(content)
+        assert says in one_sentence(sidestep("compare", "paper-congested", "--model", folder))
+
+
+def test_no_half_written_file(tmp_path):
+    from sidestep.files import whole_file
+
+    target = tmp_path / "results.json"
+    target.write_text("old")
+
+    def fail_half_way():
+        with whole_file(target) as temporary:
+            temporary.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail_half_way()
+    assert target.read_text() == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["results.json"]

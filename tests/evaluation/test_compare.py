@@ -1,0 +1,151 @@
+"""A tiny comparison, whole: its JSON, its references, and what its numbers may not depend on."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from sidestep.evaluation.compare import BASELINES, Comparison, PlannerError, choose, compare
+from sidestep.evaluation.metrics import BOUND, REFERENCE
+from sidestep.planners.base import routes
+from sidestep.planners.random_walk import RandomWalk
+from sidestep.scenarios import draw_map, instances, make_environment, scenario
+
+# Twelve slots; a random walk often needs more than the hour.
+TINY = scenario("paper-congested", side=3, crowded_nodes=1, horizon=3600.0)
+ALL = ["random-walk", "random-progress", "shortest-path", "expected", "clairvoyant"]
+
+
+def run(names: list[str] = ALL, maps: tuple[int, ...] = (0, 1), **more) -> Comparison:
+    return compare(TINY, choose(names, BASELINES), maps=maps, walks=3, **more)
+
+
+@pytest.fixture(scope="module")
+def found() -> Comparison:
+    return run()
+
+
+def test_shape_of_the_json(found) -> None:
+    result = found.as_json()
+    asked = {"scenario", "maps", "walks", "seed", "planners"}
+    assert result.keys() == asked | {"flows"}
+    assert (result["scenario"], result["maps"], result["walks"], result["seed"]) == ("paper-congested", 2, 3, 0)
+    assert result["flows"] == "arima"
+    assert list(result["planners"]) == ALL
+    asked = {
+        "level",
+        "mean_minutes",
+        "ci95",
+        "saving_vs_shortest_path",
+        "regret",
+        "regret_ci95",
+        "arrival_rate",
+        "decision_us",
+    }
+    for row in result["planners"].values():
+        assert row.keys() == asked | {"maps", "best_saving"}
+        for name, value in row.items():
+            kind = {"level": str, "maps": int, "ci95": list, "regret_ci95": list}.get(name, float)
+            assert isinstance(value, kind), name
+        assert len(row["ci95"]) == len(row["regret_ci95"]) == 2
+        assert row["ci95"][0] <= row["mean_minutes"] <= row["ci95"][1]
+        assert 0 <= row["arrival_rate"] <= 1
+        assert row["decision_us"] > 0
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
+
+
+def test_rows_make_sense(found) -> None:
+    rows = found.as_json()["planners"]
+    assert rows["clairvoyant"]["regret"] == 0
+    assert rows["shortest-path"]["saving_vs_shortest_path"] == 0
+    for name, row in rows.items():
+        assert row["regret"] >= -1e-6, name
+        record = found.records[name]
+        assert record.minutes.shape == record.arrived.shape == (2, 3)
+        assert record.minutes.dtype == np.float64
+        assert row["mean_minutes"] == pytest.approx(record.minutes.mean())
+        # the clairvoyant is the bound of every single walk
+        assert (record.minutes >= found.records["clairvoyant"].minutes * (1 - 1e-4)).all()
+
+
+def test_walks_that_do_not_arrive_count_as_the_horizon(found) -> None:
+    record = found.records["random-walk"]
+    assert 0 < record.arrived.sum() < 6
+    assert record.minutes[~record.arrived] == pytest.approx(60)
+    assert found.as_json()["planners"]["random-walk"]["arrival_rate"] == record.arrived.mean()
+    assert found.records["clairvoyant"].arrived.all()
+
+
+def test_results_do_not_depend_on_the_number_of_workers(found) -> None:
+    for workers in (2, 3):
+        again = run(workers=workers)
+        for name, record in found.records.items():
+            assert again.records[name].minutes.tolist() == record.minutes.tolist()
+            assert again.records[name].arrived.tolist() == record.arrived.tolist()
+
+
+def test_results_do_not_depend_on_who_else_walks_or_on_which_maps_else(found) -> None:
+    alone = run(["random-walk"], maps=(1,))
+    assert list(alone.records) == ["random-walk", "shortest-path", "clairvoyant"]
+    for name, record in alone.records.items():
+        assert record.minutes.tolist() == found.records[name].minutes[1:].tolist()
+
+
+def test_another_seed_gives_other_maps(found) -> None:
+    assert (run(["expected"], seed=1).records["expected"].minutes != found.records["expected"].minutes).all()
+
+
+def test_walks_meet_the_futures_for_testing(found) -> None:
+    params = make_environment(TINY, draw_map(TINY, 0, 1), "test", 3)
+    planner = BASELINES["expected"](draw_map(TINY, 0, 1), 1)
+    todo = instances(TINY, params, 3)
+    walked = routes(planner, params, todo, jax.random.key(0), 9)
+    assert [route.seconds / 60 for route in walked] == pytest.approx(found.records["expected"].minutes[1].tolist())
+
+
+def test_maps_are_reported_in_order() -> None:
+    seen = []
+    run(["expected"], maps=(4, 2, 3), workers=2, on_map=lambda index, walked: seen.append((index, sorted(walked))))
+    assert seen == [(index, ["clairvoyant", "expected", "shortest-path"]) for index in (4, 2, 3)]
+
+
+def test_a_planner_may_skip_maps() -> None:
+    planners = choose(["expected"], BASELINES) | {"late": lambda _place, index: RandomWalk() if index < 1 else None}
+    result = compare(TINY, planners, maps=(0, 1), walks=3)
+    assert result.records["late"].minutes.shape == (1, 3)
+    row = result.as_json()["planners"]["late"]
+    assert row["maps"] == 1
+    first = {name: result.records[name].minutes[0].mean() for name in ("late", "clairvoyant", "shortest-path")}
+    assert row["regret"] == pytest.approx(first["late"] / first["clairvoyant"] - 1)
+    assert row["saving_vs_shortest_path"] == pytest.approx(1 - first["late"] / first["shortest-path"])
+    nobody = compare(TINY, planners | {"never": lambda *_: None}, maps=(0,), walks=3)
+    assert "never" not in nobody.as_json()["planners"]
+
+
+def test_an_error_on_one_map_ends_the_comparison() -> None:
+    def broken(_place, index: int) -> RandomWalk:
+        if index == 1:
+            raise RuntimeError("no such luck")
+        return RandomWalk()
+
+    for workers in (1, 2):
+        with pytest.raises(RuntimeError, match="no such luck"):
+            compare(TINY, choose([], BASELINES) | {"broken": broken}, maps=(0, 1, 2), walks=3, workers=workers)
+
+
+def test_references_are_always_there() -> None:
+    assert (REFERENCE, BOUND) == ("shortest-path", "clairvoyant")
+    assert list(choose([], BASELINES)) == ["shortest-path", "clairvoyant"]
+    assert list(choose(["random-walk"], BASELINES)) == ["random-walk", "shortest-path", "clairvoyant"]
+    assert list(choose(["clairvoyant", "clairvoyant"], BASELINES)) == ["shortest-path", "clairvoyant"]
+    assert list(choose(ALL, BASELINES)) == ALL
+
+
+@pytest.mark.parametrize("names", [["dijkstra"], ["random-walk", "dijkstra"]])
+def test_unknown_planners(names: list[str]) -> None:
+    with pytest.raises(PlannerError) as caught:
+        choose(names, BASELINES)
+    assert "unknown planner 'dijkstra'" in str(caught.value)
+    for name in ALL:
+        assert name in str(caught.value)

@@ -1,0 +1,127 @@
+"""Means, savings, regrets and their intervals, by hand."""
+
+import numpy as np
+import pytest
+
+from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, summarise
+
+
+def record(minutes: list[list[float]], arrived: list[list[bool]] | None = None, level: str = "map") -> Record:
+    times = np.array(minutes, float)
+    return Record(level, times, np.ones(times.shape, bool) if arrived is None else np.array(arrived), 12.5)
+
+
+# Means by map: 110 and 90 by the shortest path, 60 and 40 in hindsight.
+SHORTEST = record([[100, 120], [80, 100]])
+BEST = record([[50, 70], [40, 40]], level="hindsight")
+
+
+def rows(seed: int = 0, **records: Record) -> dict:
+    return summarise({REFERENCE: SHORTEST, BOUND: BEST} | records, seed)
+
+
+def test_names_of_the_references() -> None:
+    assert (REFERENCE, BOUND) == ("shortest-path", "clairvoyant")
+
+
+def test_by_hand() -> None:
+    # maps: 66 and 66
+    row = rows(mine=record([[55, 77], [66, 66]], level="position"))["mine"]
+    assert row["mean_minutes"] == pytest.approx(66)
+    assert row["saving_vs_shortest_path"] == pytest.approx(1 - 66 / 100)
+    assert row["best_saving"] == pytest.approx(1 - 66 / 110)  # on the other map it is 1 - 66/90
+    assert row["regret"] == pytest.approx(66 / 50 - 1)
+    assert (row["level"], row["maps"], row["arrival_rate"], row["decision_us"]) == ("position", 2, 1, 12.5)
+    # both maps alike: no matter which are drawn
+    assert row["ci95"] == pytest.approx([66, 66])
+    # two maps drawn again from 60 and 40: means of 40, 50, 50 or 60
+    assert row["regret_ci95"] == pytest.approx([66 / 60 - 1, 66 / 40 - 1])
+
+
+def test_references_are_rows_too() -> None:
+    shortest, best = rows()[REFERENCE], rows()[BOUND]
+    assert (shortest["saving_vs_shortest_path"], shortest["best_saving"]) == (0, 0)
+    assert shortest["regret"] == pytest.approx(1)  # 100 against 50
+    assert best["saving_vs_shortest_path"] == pytest.approx(0.5)
+    assert best["best_saving"] == pytest.approx(1 - 40 / 90)
+    assert best["level"] == "hindsight"
+
+
+def test_identical_planners_have_no_regret_in_any_resample() -> None:
+    row = rows(mine=record(BEST.minutes.tolist()))["mine"]
+    assert row["regret"] == 0
+    assert row["regret_ci95"] == [0, 0]
+    assert row["ci95"][0] < row["ci95"][1]
+
+
+def test_ratios_are_paired() -> None:
+    # Maps differ a hundredfold, but on each the planner takes a tenth longer: paired, there is nothing to doubt.
+    rng = np.random.default_rng(0)
+    best = rng.uniform(1, 100, (30, 4))
+    row = summarise({REFERENCE: record(best.tolist()), BOUND: record(best.tolist()), "mine": record(1.1 * best)})[
+        "mine"
+    ]
+    assert row["regret_ci95"] == pytest.approx([0.1, 0.1])
+    assert row["ci95"][1] - row["ci95"][0] > 10
+
+
+def test_the_interval_contains_the_mean_and_is_as_wide_as_it_should_be() -> None:
+    minutes = np.random.default_rng(3).normal(80, 10, (100, 5))
+    maps = minutes.mean(axis=1)
+    row = summarise({REFERENCE: record(minutes), BOUND: record(minutes)})[REFERENCE]
+    low, high = row["ci95"]
+    assert row["mean_minutes"] == pytest.approx(minutes.mean())
+    assert low < minutes.mean() < high
+    # 1.96 standard errors of a hundred maps' means each way; not of five hundred walks
+    assert (high - low) / 2 == pytest.approx(1.96 * maps.std() / 10, rel=0.1)
+    assert low == pytest.approx(minutes.mean() - 1.96 * maps.std() / 10, abs=0.15)
+
+
+def test_constant_times_leave_no_doubt() -> None:
+    row = rows(mine=record([[70, 70], [70, 70]]))["mine"]
+    assert row["ci95"] == [70, 70]
+
+
+def test_with_several_maps_whole_maps_are_resampled() -> None:
+    # Walks differ, maps do not.
+    row = rows(mine=record([[10, 90], [90, 10]]))["mine"]
+    assert row["ci95"] == pytest.approx([50, 50])
+
+
+def test_with_one_map_its_walks_are_resampled() -> None:
+    shortest, best = record([[100, 100, 100, 100]]), record([[50, 50, 50, 50]])
+    mine = record([[60, 80, 60, 80]])
+    row = summarise({REFERENCE: shortest, BOUND: best, "mine": mine})["mine"]
+    assert row["mean_minutes"] == 70
+    assert row["best_saving"] == pytest.approx(0.4)  # the best walk
+    # Four draws of 60 or 80: all alike with probability 1/8, so 2.5 % lie at 60 and 2.5 % at 80.
+    assert row["ci95"] == [60, 80]
+    assert row["regret_ci95"] == pytest.approx([0.2, 0.6])
+    assert row["maps"] == 1
+
+
+def test_a_row_with_fewer_maps_is_compared_on_those() -> None:
+    # On map 0 alone: 110 by the shortest path, 60 in hindsight.
+    row = rows(mine=record([[66, 66]]))["mine"]
+    assert row["maps"] == 1
+    assert row["saving_vs_shortest_path"] == pytest.approx(1 - 66 / 110)
+    assert row["regret"] == pytest.approx(0.1)
+    assert rows(mine=record([[66, 66]]))[REFERENCE]["maps"] == 2
+    # one map: its walks, 50 and 70 in hindsight
+    assert row["regret_ci95"] == pytest.approx([66 / 70 - 1, 66 / 50 - 1])
+
+
+def test_walks_that_did_not_arrive_count_as_the_horizon() -> None:
+    # minutes hold the horizon of 1440 already; nothing is dropped
+    row = rows(mine=record([[60, 1440], [60, 60]], [[True, False], [True, True]]))["mine"]
+    assert row["mean_minutes"] == pytest.approx((750 + 60) / 2)
+    assert row["arrival_rate"] == 0.75
+    assert row["regret"] == pytest.approx(405 / 50 - 1)
+    assert row["saving_vs_shortest_path"] == pytest.approx(1 - 405 / 100)
+
+
+def test_the_seed_decides_the_resamples() -> None:
+    minutes = np.random.default_rng(3).normal(80, 10, (20, 5))
+    wide = {REFERENCE: record(minutes), BOUND: record(minutes)}
+    assert summarise(wide, 7) == summarise(wide, 7)
+    assert summarise(wide, 7)[BOUND]["ci95"] != summarise(wide, 8)[BOUND]["ci95"]

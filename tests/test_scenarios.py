@@ -1,0 +1,329 @@
+"""Which scenarios there are and cannot be; the streams that maps, futures and walks are drawn from."""
+
+import copy
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sidestep.environment.types import EnvParams
+from sidestep.scenarios import (
+    BUILT_IN,
+    LAWS,
+    CrowdedMap,
+    Scenario,
+    ScenarioError,
+    draw_map,
+    instances,
+    make_environment,
+    sampler,
+    scenario,
+)
+
+HOUR = 3600.0
+
+
+def small(**changes) -> Scenario:
+    """Nine crossings and twelve slots."""
+    return scenario("paper-congested", **(dict(side=3, crowded_nodes=2, horizon=HOUR) | changes))
+
+
+def volumes(place: CrowdedMap) -> np.ndarray:
+    return np.asarray(place.flow.initial)
+
+
+def crowded(place: CrowdedMap) -> np.ndarray:
+    """Which segments are: no other has more than 1,000 people."""
+    return volumes(place) > 1001
+
+
+# --- Names and values -----------------------------------------------------------------------------------------------
+
+
+def test_the_papers_scenarios() -> None:
+    unblocked, congested = BUILT_IN["paper-unblocked"], BUILT_IN["paper-congested"]
+    for one in (unblocked, congested):
+        assert (one.side, one.lengths, one.volumes) == (6, (100, 1000), (200, 1000))
+        assert (one.origin, one.destination) == (0, 35)
+        assert (one.law, one.rule, one.slot_seconds) == ("power", "integrated", 300)
+        assert one.slots == one.horizon / 300
+    assert (unblocked.crowded_nodes, congested.crowded_nodes) == (0, 4)
+    assert congested.crowded_volume == (5000, pytest.approx(31.6227766))  # the root of 1000
+    assert all(name == one.name for name, one in BUILT_IN.items())
+
+
+def test_a_part_of_a_slot_is_a_slot() -> None:
+    # 1,000 s are three slots of 300 s and a third
+    assert small(horizon=1000.0).slots == 4
+    assert small(horizon=900.0).slots == 3
+    assert small(horizon=10.0).slots == 1
+
+
+def test_fields_may_be_changed() -> None:
+    changed = scenario("paper-unblocked", side=3, law="weidmann")
+    assert (changed.side, changed.law, changed.destination) == (3, "weidmann", 8)
+    assert BUILT_IN["paper-unblocked"].side == 6
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("paper-congestd", "did you mean paper-congested?"),
+        ("unblocked", "did you mean paper-unblocked?"),
+        ("zoo", "there are paper-unblocked, paper-congested"),
+    ],
+)
+def test_unknown_names(name: str, message: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        scenario(name)
+    assert f"unknown scenario '{name}'" in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_unknown_fields() -> None:
+    with pytest.raises(ScenarioError, match="no field colour, size"):
+        scenario("paper-unblocked", size=3, colour="red")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (dict(side=1), "at least 2 nodes, not 1"),
+        (dict(side=0), "at least 2 nodes, not 0"),
+        (dict(side=-6), "at least 2 nodes, not -6"),
+        (dict(crowded_nodes=-1), "between 0 and 34 on a grid of 6 x 6, not -1"),
+        (dict(crowded_nodes=35), "between 0 and 34 on a grid of 6 x 6, not 35"),
+        (dict(side=2, crowded_nodes=3), "between 0 and 2 on a grid of 2 x 2, not 3"),
+        (dict(horizon=0.0), "horizon must be a positive"),
+        (dict(horizon=-1.0), "horizon must be a positive number of seconds, not -1"),
+        (dict(horizon=float("nan")), "horizon must be a positive"),
+        (dict(horizon=float("inf")), "horizon must be a positive"),
+        (dict(slot_seconds=0.0), "slot_seconds must be a positive"),
+        (dict(slot_seconds=-300.0), "slot_seconds must be a positive"),
+    ],
+)
+def test_scenarios_that_cannot_be(changes: dict, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        scenario("paper-congested", **changes)
+    with pytest.raises(ScenarioError, match=message):
+        dataclasses.replace(BUILT_IN["paper-congested"], **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (dict(flows="real"), "flows must be one of arima, forecast, not 'real'"),
+        (dict(law="aoki"), "law must be one of power, power-capped, weidmann, not 'aoki'"),
+        (dict(rule="exit"), "rule must be one of integrated, entry, not 'exit'"),
+    ],
+)
+def test_choices_that_are_none(changes: dict, message: str) -> None:
+    # Where annotations are checked, as in these tests, the constructor would not let these pass to the check.
+    one = copy.copy(BUILT_IN["paper-congested"])
+    for name, value in changes.items():
+        object.__setattr__(one, name, value)
+    with pytest.raises(ScenarioError, match=message):
+        one.__post_init__()
+
+
+def test_the_most_crowded_nodes_that_can_be() -> None:
+    assert crowded(draw_map(small(crowded_nodes=7), 0)).all()
+    assert scenario("paper-congested", side=2, crowded_nodes=2).crowded_nodes == 2
+
+
+# --- Maps -----------------------------------------------------------------------------------------------------------
+
+
+def same(one: CrowdedMap, other: CrowdedMap) -> bool:
+    return bool((one.network.length == other.network.length).all() and (one.flow.initial == other.flow.initial).all())
+
+
+def test_the_same_seed_and_number_give_the_same_map() -> None:
+    one = draw_map(small(), 3, 5)
+    assert same(one, draw_map(small(), 3, 5))
+    assert (jax.random.key_data(one.key) == jax.random.key_data(draw_map(small(), 3, 5).key)).all()
+    for other in (draw_map(small(), 3, 6), draw_map(small(), 4, 5), draw_map(small(), 5, 3)):
+        assert not (one.network.length == other.network.length).any()
+        assert not (jax.random.key_data(one.key) == jax.random.key_data(other.key)).all()
+
+
+def test_flows_law_rule_and_horizon_leave_the_map_alone() -> None:
+    one = draw_map(small(), 3)
+    for changes in (dict(flows="forecast"), dict(law="weidmann"), dict(rule="entry"), dict(horizon=9 * HOUR)):
+        assert same(one, draw_map(small(**changes), 3))
+
+
+def test_crowding_leaves_the_streets_and_the_other_volumes_alone() -> None:
+    free, full = (draw_map(scenario(name), 7) for name in ("paper-unblocked", "paper-congested"))
+    assert (free.network.length == full.network.length).all()
+    assert 0 < crowded(full).sum() < 120
+    assert (volumes(free)[~crowded(full)] == volumes(full)[~crowded(full)]).all()
+
+
+def test_volumes_fill_their_range() -> None:
+    drawn = volumes(draw_map(scenario("paper-unblocked", side=16), 0))
+    assert (drawn >= 200).all()
+    assert (drawn <= 1000).all()
+    # 960 uniform draws: mean 600 with a standard error of 800 / sqrt(12 * 960) = 7.5
+    assert drawn.mean() == pytest.approx(600, abs=30)
+    assert drawn.min() < 215
+    assert drawn.max() > 985
+
+
+def test_crowded_volumes_have_the_papers_mean_and_standard_deviation() -> None:
+    drawn = volumes(draw_map(scenario("paper-congested", side=16, crowded_nodes=254), 0))
+    # 960 normal draws of standard deviation 31.6: standard errors 1.0 and .7
+    assert drawn.mean() == pytest.approx(5000, abs=4)
+    assert drawn.std() == pytest.approx(31.6, abs=3)
+
+
+def test_volumes_may_be_chosen() -> None:
+    place = draw_map(small(volumes=(3.0, 4.0), crowded_volume=(70.0, 1e-3)), 0)
+    assert set(np.round(volumes(place)[volumes(place) > 5])) == {70}
+    assert (volumes(place)[volumes(place) < 5] >= 3).all()
+    assert (volumes(place)[volumes(place) < 5] <= 4).all()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_one_crowded_node_crowds_its_own_segments_alone(seed: int) -> None:
+    place = draw_map(scenario("paper-congested", crowded_nodes=1), seed)
+    tail, head = np.asarray(place.network.tail), np.asarray(place.network.head)
+    at = crowded(place)
+    (node,) = (node for node in range(36) if at[(tail == node) | (head == node)].all())
+    assert node not in {0, 35}
+    assert (at == ((tail == node) | (head == node))).all()
+
+
+def test_origin_and_destination_are_never_crowded_and_all_others_may_be() -> None:
+    # On a grid of 2 x 2 only two nodes are neither: one in two seeds each.
+    chosen = set()
+    for seed in range(20):
+        place = draw_map(scenario("paper-congested", side=2, crowded_nodes=1), seed)
+        tail, head = np.asarray(place.network.tail), np.asarray(place.network.head)
+        at = crowded(place)
+        assert at.sum() == 4
+        chosen |= {node for node in range(4) if at[(tail == node) | (head == node)].all()}
+    assert chosen == {1, 2}
+
+
+# --- Futures --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def place() -> CrowdedMap:
+    return draw_map(small(), 0)
+
+
+@pytest.fixture(scope="module")
+def params_of_test(place) -> EnvParams:
+    return make_environment(small(), place, "test", 4)
+
+
+def test_an_environment_has_what_was_asked_for(place, params_of_test) -> None:
+    assert params_of_test.crowds.speed.shape == (4, 24, 12)
+    assert params_of_test.expected.speed.shape == (24, 12)
+    assert params_of_test.crowds.slot_seconds == params_of_test.expected.slot_seconds == 300
+    assert float(params_of_test.horizon) == HOUR
+    assert (params_of_test.network.length == place.network.length).all()
+    assert (params_of_test.rule, params_of_test.reward) == ("integrated", small().reward)
+    assert make_environment(small(rule="entry"), place, "test", 4).rule == "entry"
+
+
+def test_the_same_purpose_gives_the_same_futures_and_another_others(place, params_of_test) -> None:
+    again = make_environment(small(), draw_map(small(), 0), "test", 4)
+    assert (again.crowds.speed == params_of_test.crowds.speed).all()
+    futures = {"test": np.asarray(params_of_test.crowds.speed)}
+    for purpose in ("learn", "explore"):
+        futures[purpose] = np.asarray(make_environment(small(), place, purpose, 4).crowds.speed)
+    # Slot 0 is today's crowd. After it no future of one purpose is one of another, and none is there twice.
+    everything = np.concatenate(list(futures.values()))
+    assert np.ptp(everything[:, :, 0], axis=0).max() == 0
+    for slot in (1, 11):
+        assert len(np.unique(everything[:, 0, slot])) == 12
+
+
+def test_what_is_expected_does_not_depend_on_the_purpose(place, params_of_test) -> None:
+    learn = make_environment(small(), place, "learn", 1)
+    assert (learn.expected.speed == params_of_test.expected.speed).all()
+
+
+def test_futures_vary_about_what_is_expected(place) -> None:
+    slots = 12
+    expected = np.asarray(place.flow.expected(slots).volume)
+    drawn = np.asarray(place.flow.draw(jax.random.key(0), 400, slots).volume)
+    assert expected.shape == (slots, 24)
+    assert drawn.shape == (400, slots, 24)
+    assert np.ptp(drawn[:, 0], axis=0).max() == 0
+    spread = drawn.std(axis=0, dtype=np.float64)
+    assert (np.diff(spread.mean(axis=1)) > 0).all()
+    # Crowded segments are so full that the floor of one person is never met, so there the mean is the forecast.
+    full = crowded(place)
+    error = (drawn.mean(axis=0) - expected)[1:, full] / (spread[1:, full] / 20)  # in standard errors
+    assert abs(error).max() < 5
+
+
+def test_flows_of_the_forecast_have_one_future_which_is_expected(place) -> None:
+    params = make_environment(small(flows="forecast"), place, "test", 4)
+    assert params.crowds.speed.shape == (1, 24, 12)
+    assert (params.crowds.speed[0] == params.expected.speed).all()
+    assert (params.crowds.covered[0] == params.expected.covered).all()
+
+
+def test_slot_0_is_the_crowd_of_the_map(place, params_of_test) -> None:
+    for field in (place.flow.expected(12), place.flow.draw(jax.random.key(1), 3, 12)):
+        assert (np.moveaxis(np.asarray(field.volume), -2, 0)[0] == volumes(place)).all()
+    # x0 (p/d)^-0.8
+    speed = 1.34 * (volumes(place) / np.asarray(place.network.length)) ** -0.8
+    np.testing.assert_allclose(params_of_test.expected.speed[:, 0], speed, rtol=1e-5)
+    for crowd in range(4):
+        np.testing.assert_allclose(params_of_test.crowds.speed[crowd, :, 0], speed, rtol=1e-5)
+
+
+def test_one_slot_is_enough(place) -> None:
+    params = make_environment(small(horizon=10.0), place, "test", 2)
+    assert params.crowds.speed.shape == (2, 24, 1)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_speeds_are_positive_and_finite_all_day(law: str) -> None:
+    day = small(law=law, horizon=24 * HOUR)
+    params = make_environment(day, draw_map(day, 1), "test", 16)
+    for field in (params.crowds, params.expected):
+        assert field.slots == 288
+        assert np.isfinite(field.speed).all()
+        assert (np.asarray(field.speed) > 0).all()
+        assert np.isfinite(field.covered).all()
+        if law != "power":
+            assert float(field.speed.max()) <= 1.34 * (1 + 1e-6)
+    # nobody on the street is taken for one: x0 (1/d)^-0.8 is the highest speed of the literal law
+    highest = 1.34 * np.asarray(params.network.length) ** 0.8
+    assert (np.asarray(params.crowds.speed).max(axis=(0, 2)) <= highest * (1 + 1e-5)).all()
+
+
+# --- Walks ----------------------------------------------------------------------------------------------------------
+
+
+def test_walks_go_from_corner_to_corner_each_through_its_own_future(params_of_test) -> None:
+    todo = instances(small(), params_of_test, 6, first=3)
+    assert todo.origin.tolist() == [0] * 6
+    assert todo.destination.tolist() == [8] * 6
+    assert todo.departure.tolist() == [0] * 6
+    assert todo.crowd.tolist() == [3, 0, 1, 2, 3, 0]  # of four
+
+
+def test_samplers(params_of_test) -> None:
+    here, anywhere = (sampler(small(), params_of_test, 3, anywhere=where) for where in (False, True))
+    draws = jnp.asarray(np.random.default_rng(0).random((200, 4)), jnp.float32)
+    from_here, from_anywhere = (jax.vmap(one.sample)(draws) for one in (here, anywhere))
+    assert set(from_here.origin.tolist()) == {0}
+    assert set(from_anywhere.origin.tolist()) == set(range(8))
+    for drawn in (from_here, from_anywhere):
+        assert set(drawn.destination.tolist()) == {8}
+        assert set(drawn.departure.tolist()) == {0}
+        assert set(drawn.crowd.tolist()) == {0, 1, 2}
+    # no more than there are
+    assert int(sampler(small(), params_of_test, 99).crowds) == 4
+    # the same compiled program serves both
+    assert jax.tree.map(jnp.shape, here) == jax.tree.map(jnp.shape, anywhere)
