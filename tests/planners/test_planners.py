@@ -129,6 +129,15 @@ def test_random_progress_takes_every_path_of_fewest_crossings(make_params, make_
     assert len({route.nodes for route in found}) == 6
 
 
+def test_random_progress_never_steps_sideways(make_params, make_instance) -> None:
+    # From 0, both 1 and 2 are one crossing from 3 and one from each other: not from one to the other.
+    tail, head = zip(*[(0, 1), (0, 2), (1, 2), (2, 1), (1, 3), (2, 3)], strict=True)
+    network = road_network(np.zeros((4, 2)), tail, head, np.ones(6))
+    params = make_params(network, speed_field(jnp.ones((6, 1)), 300.0))
+    found = routes(RandomProgress(), params, make_instance([0] * 50), KEY, 8)
+    assert {route.nodes for route in found} == {(0, 1, 3), (0, 2, 3)}
+
+
 def test_a_random_walk_keeps_to_the_streets_and_takes_them_all(make_params, make_instance) -> None:
     params = crowded_grid(make_params)
     found = routes(RandomWalk(), params, make_instance([0] * 50, SIDE**2 - 1), KEY, 500)

@@ -9,16 +9,16 @@ from typing import Generic, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Float, Int
 
 FANOUT = 32
-Item = TypeVar("Item", bound=PyTree)
+Item = TypeVar("Item")  # a PyTree
 
 
 class SumTree(eqx.Module):
     """Non-negative numbers that can be changed, and drawn in proportion, in logarithmic time."""
 
-    levels: tuple[Float[Array, "block fanout"], ...]  # from the root's children down to the leaves
+    levels: tuple[Float[Array, "_ fanout"], ...]  # from the root's children down to the leaves
 
     @property
     def total(self) -> Float[Array, ""]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -26,6 +26,7 @@ class Plan(eqx.Module):
 DecideByPlan = Callable[[Any, Any, Observation, Key[Array, ""]], Int[Array, ""]]
 
 
+@runtime_checkable
 class Planner(Protocol):
     """Decides at every crossing which exit to take.
 
