@@ -10,7 +10,7 @@ import jax
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.qnetwork import DuelingQNetwork
-from sidestep.agent.train import TrainState, untrained
+from sidestep.agent.train import TrainState, prepare
 from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.files import whole_file
@@ -81,7 +81,7 @@ def load(folder: Path) -> TrainingRun:
             scenario, config = _scenario(header["scenario"]), _config(header["config"])
             seed, index = int(header["seed"]), int(header["index"])
             place = draw_map(scenario, seed, index)
-            template = jax.eval_shape(lambda place: _plain(untrained(config, scenario, place)), place)
+            template = jax.eval_shape(lambda place: _plain(prepare(config, scenario, place)[1]), place)
             state = eqx.tree_deserialise_leaves(file, template)
             curve = tuple(tuple(map(float, walks)) for walks in header["curve"])
         except SidestepError:

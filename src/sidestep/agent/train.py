@@ -1,7 +1,8 @@
 """Training: walk, remember, learn; one jitted scan per round (the paper's algorithm 1)."""
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
 
 import equinox as eqx
 import jax
@@ -18,7 +19,7 @@ from sidestep.environment.dynamics import observe, random_exit, reset, step
 from sidestep.environment.instances import DRAWS, InstanceSampler
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.environment.walk import Decide, walk
-from sidestep.scenarios import CrowdedMap, Scenario, instances, make_environment, purpose_key, sampler
+from sidestep.scenarios import CrowdedMap, Scenario, draw_map, instances, make_environment, purpose_key, sampler
 
 
 class Transition(eqx.Module):
@@ -82,23 +83,41 @@ def train(
 
     The state that was yielded is used up by the next round: copy what is to be kept.
     """
-    params = make_environment(scenario, place, "learn", TRAINING_CROWDS + TEST_WALKS)
-    here = sampler(scenario, params, TRAINING_CROWDS)
-    anywhere = sampler(scenario, params, TRAINING_CROWDS, anywhere=True)
+    # The round takes seconds to compile the first time; crowds are drawn meanwhile.
+    with ThreadPoolExecutor(1) as pool:
+        compiling = pool.submit(_compiled_round, config, scenario)
+        problem, fresh = prepare(config, scenario, place)
+        one_round = compiling.result()
+    state = fresh if state is None else state
     total = config.rounds * config.iterations
-    tests = instances(scenario, params, TEST_WALKS, first=TRAINING_CROWDS)
-    if state is None:
-        state = start(config, params, here, place)
+    anywhere = sampler(scenario, problem.params, TRAINING_CROWDS, anywhere=True)
     while (done := int(state.iteration) / total) < 1:
-        from_where = anywhere if done < config.random_origins else here
-        state, report = train_round(config, params, from_where, tests, state)
+        from_where = anywhere if done < config.random_origins else problem.sampler
+        state, report = one_round(problem.params, from_where, problem.tests, state)
         yield state, report
 
 
-def untrained(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> TrainState:
-    """A state as :func:`train` begins with, in shape and type; ``jax.eval_shape`` gives that without the work."""
-    params = make_environment(scenario, place, "learn", 1)
-    return start(config, params, sampler(scenario, params, 1), place)
+class Problem(eqx.Module):
+    """What an agent is trained on."""
+
+    params: EnvParams
+    sampler: InstanceSampler
+    tests: Instance
+
+
+def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple[Problem, TrainState]:
+    """Crowds, walks and an untrained state for one map; ``jax.eval_shape`` gives their shapes without the work."""
+    params = make_environment(scenario, place, "learn", TRAINING_CROWDS + TEST_WALKS)
+    here = sampler(scenario, params, TRAINING_CROWDS)
+    tests = instances(scenario, params, TEST_WALKS, first=TRAINING_CROWDS)
+    return Problem(params, here, tests), start(config, params, here, place)
+
+
+@lru_cache(maxsize=16)
+def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
+    """:func:`train_round` for all maps of a scenario, which have the same shapes."""
+    problem, state = jax.eval_shape(partial(prepare, config, scenario), draw_map(scenario, seed=0))
+    return train_round.lower(config, problem.params, problem.sampler, problem.tests, state).compile()
 
 
 @partial(jax.jit, static_argnames="config")
