@@ -1,6 +1,7 @@
 """The command line: parses, calls, prints. Heavy modules are imported by the commands that need them."""
 
 import json
+import math
 import os
 import sys
 from dataclasses import asdict, replace
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from sidestep.scenarios import Scenario
 
 INTERRUPTED, BAD_INPUT = 130, 2
+SAVE_EVERY = 2.0  # seconds of training between checkpoints
 
 app = App(
     name="sidestep",
@@ -119,7 +121,7 @@ def train(
     law: LawOption = None,
     side: Side = None,
     crowded_nodes: Crowded = None,
-    out: Annotated[Path | None, Parameter(help="Folder for the model, saved after every round.")] = None,
+    out: Annotated[Path | None, Parameter(help="Folder for the model, saved every few seconds.")] = None,
     resume: Annotated[bool, Parameter(negative=(), help="Go on with the model in --out.")] = False,
     seed: Seed = 0,
     as_json: Json = False,
@@ -148,15 +150,16 @@ def train(
         state, curve = run.state, list(run.curve)
     if out is not None:
         output_folder(out)
-    began, before = perf_counter(), len(curve)
+    began, before, saved = perf_counter(), len(curve), -math.inf
     with console.progress(
         f"training on {scenario}, map {index}", config.rounds - before, config.round_steps, "steps"
     ) as advance:
         for now, report in rounds_of(config, problem, draw_map(problem, seed, index), state):
             curve.append(tuple(report.test_minutes.tolist()))
             run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), now)
-            if out is not None:
+            if out is not None and (len(curve) == config.rounds or perf_counter() - saved > SAVE_EVERY):
                 checkpoint.save(run, out)
+                saved = perf_counter()
             advance(f"greedy walk {report.test_minutes.mean():.0f} min")
     seconds = perf_counter() - began
     if len(curve) == before:
