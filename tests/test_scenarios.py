@@ -245,7 +245,7 @@ def test_the_same_purpose_gives_the_same_futures_and_another_others(place, param
 
 
 def test_what_is_expected_does_not_depend_on_the_purpose(place, params_of_test) -> None:
-    learn = make_environment(small(), place, "learn", 1)
+    learn = make_environment(small(), place, "learn", 4)
     assert (learn.expected.speed == params_of_test.expected.speed).all()
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sidestep.agent.config import PRESETS
+from sidestep.agent.config import PRESETS, TrainConfigError, changed
 from sidestep.environment.walk import Walk
 from sidestep.planners.base import Planner, walk_plan
 from sidestep.planners.darp import train_darp
@@ -50,6 +50,27 @@ def test_presets_fit_together(name: str) -> None:
     assert config.capacity % config.walkers == 0  # or the replay refuses them
     assert config.round_steps % config.walkers == 0  # or a round is shorter than it says
     assert hash(config) == hash(dataclasses.replace(config))  # a static argument of compiled functions
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"rounds": 0}, "rounds must be at least 1, not 0"),
+        ({"batch": -32}, "batch must be at least 1, not -32"),
+        ({"gamma": 1.5}, "gamma must lie between 0 and 1, not 1.5"),
+        ({"epsilon": float("nan")}, "epsilon must lie between 0 and 1, not nan"),
+        ({"round_steps": 100}, "round_steps must be a multiple of the 64 walkers, not 100"),
+        ({"capacity": 20_000}, "capacity must be a multiple of the 64 walkers, not 20000"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(setting: dict[str, float], message: str) -> None:
+    with pytest.raises(TrainConfigError, match=message):
+        changed(PRESETS["default"], **setting)
+
+
+def test_changed_leaves_what_is_none() -> None:
+    default = PRESETS["default"]
+    assert changed(default, rounds=3, gamma=None) == dataclasses.replace(default, rounds=3)
 
 
 def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> None:

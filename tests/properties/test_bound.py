@@ -17,7 +17,7 @@ from sidestep.scenarios import LAWS, draw_map, make_environment, scenario
 SIDE, WALKS, FUTURES = 4, 8, 3
 TOLERANCE = 1e-4
 # So long that everybody may arrive through the worst of jams: a walk that is cut off counts less than it would take.
-HORIZON, SLOT_SECONDS = 7 * 24 * 3600.0, 1800.0
+HORIZON, SLOT_SECONDS = 48 * 3600.0, 1800.0
 
 
 class AnyTable:
