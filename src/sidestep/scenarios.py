@@ -66,6 +66,12 @@ class Scenario:
         for name, allowed in (("flows", get_args(Flows)), ("law", tuple(LAWS)), ("rule", CROSSING_RULES)):
             if getattr(self, name) not in allowed:
                 raise ScenarioError(f"{name} must be one of {', '.join(allowed)}, not {getattr(self, name)!r}")
+        for name, (low, high) in (("lengths", self.lengths), ("volumes", self.volumes)):
+            if not (0 < low <= high < math.inf):
+                raise ScenarioError(f"{name} must be two positive numbers in order, not {low} and {high}")
+        mean, deviation = self.crowded_volume
+        if not (0 < mean < math.inf and 0 <= deviation < math.inf):
+            raise ScenarioError(f"crowded_volume must be a positive mean and a deviation, not {mean} and {deviation}")
         for name in ("slot_seconds", "horizon"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ScenarioError(f"{name} must be a positive number of seconds, not {getattr(self, name)}")
@@ -123,6 +129,8 @@ class CrowdedMap(eqx.Module):
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
     """Map number ``index`` of a seed; the same for every planner and for every kind of flow."""
+    if min(seed, index) < 0:
+        raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
     rng = np.random.default_rng([seed, index])
     network = grid_network(scenario.side, rng, scenario.lengths)
     tail, head = np.asarray(network.tail), np.asarray(network.head)

@@ -23,7 +23,8 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
     """Walk to the next crossing.
 
     An exit that does not exist is replaced by the next one that does, counting upwards and round (the paper lets the
-    agent "select another"). The episode terminates on arrival; it is truncated, not terminated, at the horizon.
+    agent "select another"); a node without any exit is no place for a walker. The episode terminates on arrival; it is
+    truncated, not terminated, at the horizon.
     """
     network = params.network
     way = existing_exit(network.exit_node[state.node], action)

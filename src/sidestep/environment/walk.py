@@ -27,7 +27,7 @@ Carry = tuple[
 class Walk(eqx.Module):
     """How a walk went. The trace is padded with the last node and clock; it is empty unless asked for."""
 
-    seconds: Float[Array, ""]  # travel time; the horizon where the walk did not arrive
+    seconds: Float[Array, ""]  # travel time; the horizon where the walk did not arrive by then
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
     nodes: Int[Array, " trace"]
@@ -56,5 +56,6 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
     _, arrived, steps, end, _, nodes, clocks = jax.lax.while_loop(
         lambda carry: ~carry[0], onward, (arrived, arrived, jnp.int32(0), start, observation, nodes, clocks)
     )
-    seconds = jnp.where(arrived, end.clock - instance.departure, params.horizon)
+    # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
+    seconds = jnp.where(arrived, jnp.minimum(end.clock - instance.departure, params.horizon), params.horizon)
     return Walk(seconds, arrived, steps, nodes, clocks)

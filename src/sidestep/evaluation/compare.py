@@ -102,13 +102,19 @@ def compare(
     Maps are independent and run on ``workers`` threads, which share one compiled program. Results do not depend on
     their number. ``on_map`` is called as each map is done.
     """
+    if not maps or walks < 1 or workers < 1:
+        raise PlannerError(f"nothing to compare: {len(maps)} maps, {walks} walks, {workers} workers")
     one = partial(walk_map, scenario, planners, walks, seed)
     collected: dict[str, list[Walked]] = {name: [] for name in planners}
     # The first map compiles everything; the others then do not compile it a second time beside it.
     pool = ThreadPoolExecutor(workers)
     try:
-        for index, walked in zip(maps, _first_then_rest(pool, one, maps), strict=True):
+        for done, (index, walked) in enumerate(zip(maps, _first_then_rest(pool, one, maps), strict=True)):
             for name, result in walked.items():
+                if len(collected[name]) < done:
+                    raise PlannerError(
+                        f"planner {name!r} skipped a map before map {index}; it must then skip all later ones"
+                    )
                 collected[name].append(result)
             on_map(index, walked)
     finally:

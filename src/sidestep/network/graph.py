@@ -93,15 +93,35 @@ def road_network(
     Raises
     ------
     NetworkError
-        Unknown nodes, lengths or widths that are not positive, two segments on one exit.
+        Unknown nodes, loops, lengths or widths that are not positive, unknown exits, two segments on one exit.
     """
     position = np.asarray(position, np.float32)
     tail, head = np.asarray(tail, np.int32), np.asarray(head, np.int32)
     length = np.asarray(length, np.float32)
-    width = np.broadcast_to(np.asarray(width, np.float32), length.shape)
+    width = np.asarray(width, np.float32)
+    if width.shape not in ((), length.shape):
+        raise NetworkError(f"there are {len(length)} segments, but {len(width)} widths")
+    width = np.broadcast_to(width, length.shape)
     nodes = len(position)
     if len(tail) == 0 or not len(tail) == len(head) == len(length):
         raise NetworkError(f"a network needs segments: {len(tail)} tails, {len(head)} heads, {len(length)} lengths")
+    _check_segments(tail, head, length, width, nodes)
+    if exit_of is None:
+        exit_of = _rank_within(tail)
+    exit_of = np.asarray(exit_of, np.int32)
+    exits = int(exit_of.max()) + 1 if exits is None else exits
+    if exit_of.min() < 0 or exit_of.max() >= exits:
+        raise NetworkError(f"exits are numbered 0 to {exits - 1}, but there are {exit_of.min()} to {exit_of.max()}")
+    exit_node = np.full((nodes, exits), ABSENT, np.int32)
+    exit_segment = np.full((nodes, exits), ABSENT, np.int32)
+    for segment, (start, way) in enumerate(zip(tail, exit_of, strict=True)):
+        if exit_segment[start, way] != ABSENT:
+            raise NetworkError(f"segments {exit_segment[start, way]} and {segment} share exit {way} of node {start}")
+        exit_node[start, way], exit_segment[start, way] = head[segment], segment
+    return RoadNetwork(*map(jnp.asarray, (position, exit_node, exit_segment, tail, head, length, width)))
+
+
+def _check_segments(tail: np.ndarray, head: np.ndarray, length: np.ndarray, width: np.ndarray, nodes: int) -> None:
     for name, ends in (("tail", tail), ("head", head)):
         if ends.min() < 0 or ends.max() >= nodes:
             worst = int(np.argmax((ends < 0) | (ends >= nodes)))
@@ -110,17 +130,9 @@ def road_network(
         if not (np.isfinite(metres) & (metres > 0)).all():
             worst = int(np.argmin(np.isfinite(metres) & (metres > 0)))
             raise NetworkError(f"segment {worst} has {name} {metres[worst]} m; it must be positive")
-    if exit_of is None:
-        exit_of = _rank_within(tail)
-    exit_of = np.asarray(exit_of, np.int32)
-    exits = int(exit_of.max()) + 1 if exits is None else exits
-    exit_node = np.full((nodes, exits), ABSENT, np.int32)
-    exit_segment = np.full((nodes, exits), ABSENT, np.int32)
-    for segment, (start, way) in enumerate(zip(tail, exit_of, strict=True)):
-        if exit_segment[start, way] != ABSENT:
-            raise NetworkError(f"segments {exit_segment[start, way]} and {segment} share exit {way} of node {start}")
-        exit_node[start, way], exit_segment[start, way] = head[segment], segment
-    return RoadNetwork(*map(jnp.asarray, (position, exit_node, exit_segment, tail, head, length, width)))
+    if (tail == head).any():
+        loop = int(np.argmax(tail == head))
+        raise NetworkError(f"segment {loop} begins and ends at node {tail[loop]}")
 
 
 def _rank_within(group: np.ndarray) -> np.ndarray:
