@@ -84,7 +84,7 @@ def crowded_map(
     spacing = float(np.abs(ends[:, 0] - ends[:, 1]).max())
     norm = LogNorm(vmin=max(float(volume.min()), 1.0), vmax=float(volume.max()))
     streets = LineCollection(
-        list(_beside(ends, 0.03 * spacing)), array=volume, cmap="YlOrBr", norm=norm, linewidths=5, capstyle="round"
+        list(_beside(ends, 0.035 * spacing)), array=volume, cmap="YlOrBr", norm=norm, linewidths=4, capstyle="round"
     )
     axes.add_collection(streets)
     figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at departure")
