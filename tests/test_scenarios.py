@@ -327,3 +327,24 @@ def test_samplers(params_of_test) -> None:
     assert int(sampler(small(), params_of_test, 99).crowds) == 4
     # the same compiled program serves both
     assert jax.tree.map(jnp.shape, here) == jax.tree.map(jnp.shape, anywhere)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"volumes": (-5.0, 5.0)}, "volumes must be two positive numbers in order"),
+        ({"volumes": (1000.0, 200.0)}, "volumes must be two positive numbers in order"),
+        ({"lengths": (100.0, float("inf"))}, "lengths must be two positive numbers in order"),
+        ({"crowded_volume": (float("nan"), 1.0)}, "crowded_volume must be a positive mean"),
+        ({"crowded_volume": (5000.0, -1.0)}, "crowded_volume must be a positive mean"),
+    ],
+)
+def test_numbers_that_cannot_be(changes: dict, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        scenario("paper-congested", **changes)
+
+
+@pytest.mark.parametrize(("seed", "index"), [(-1, 0), (0, -1)])
+def test_maps_are_counted_from_zero(seed: int, index: int) -> None:
+    with pytest.raises(ScenarioError, match="must not be negative"):
+        draw_map(scenario("paper-congested"), seed, index)

@@ -122,3 +122,12 @@ def test_walks_side_by_side_are_walks_alone(busy, make_instance) -> None:
         alone_seconds, alone_nodes = one(jax.tree.map(lambda leaf, i=i: leaf[i], several), keys[i])
         assert float(alone_seconds) == pytest.approx(float(seconds[i]), rel=1e-5)
         assert alone_nodes.tolist() == nodes[i].tolist()
+
+
+def test_nothing_counts_more_than_the_horizon(make_params, make_instance) -> None:
+    # 1,000 m at 1 m/s in one street: arrived, but 400 s after the horizon.
+    network = road_network(np.zeros((2, 2)), tail=[0, 1], head=[1, 0], length=[1000.0, 1000.0])
+    params = make_params(network, speed_field(jnp.ones((2, 1)), 300.0), horizon=600)
+    walked = walk(params, always([0, 0]), make_instance(destination=1), KEY, trace=2)
+    assert (bool(walked.arrived), float(walked.seconds)) == (True, 600)
+    assert walked.clocks.tolist() == [0, 1000]

@@ -149,3 +149,17 @@ def test_unknown_planners(names: list[str]) -> None:
     assert "unknown planner 'dijkstra'" in str(caught.value)
     for name in ALL:
         assert name in str(caught.value)
+
+
+def test_a_planner_that_skips_a_map_skips_all_later_ones() -> None:
+    def every_other(_place, index: int) -> RandomWalk | None:
+        return None if index == 1 else RandomWalk()
+
+    with pytest.raises(PlannerError, match="skipped a map before map 2"):
+        compare(TINY, choose([], BASELINES) | {"sometimes": every_other}, maps=(0, 1, 2), walks=3)
+
+
+@pytest.mark.parametrize("nothing", [{"maps": ()}, {"walks": 0}, {"workers": 0}])
+def test_nothing_to_compare(nothing: dict) -> None:
+    with pytest.raises(PlannerError, match="nothing to compare"):
+        compare(TINY, choose([], BASELINES), **{"maps": (0,), "walks": 1, "workers": 1} | nothing)

@@ -93,7 +93,11 @@ def test_a_network_is_a_pytree_of_single_precision_and_four_byte_integers() -> N
         (dict(length=[np.inf, 500, 400, 450]), ["segment 0", "length inf"]),
         (dict(width=0), ["segment 0", "width 0.0 m"]),
         (dict(width=[1, 1, -2, 1]), ["segment 2", "width -2.0 m"]),
+        (dict(width=[1, 1]), ["4 segments", "2 widths"]),
         (dict(exit_of=[0, 0, 0, 0]), ["segments 0 and 3", "exit 0 of node 0"]),
+        (dict(exit_of=[0, 0, 0, -1]), ["numbered 0 to", "-1"]),
+        (dict(exit_of=[0, 0, 0, 3], exits=2), ["numbered 0 to 1", "to 3"]),
+        (dict(head=[1, 1, 0, 2]), ["segment 1", "begins and ends at node 1"]),
     ],
 )
 def test_networks_that_cannot_be(changes: dict, names: list[str]) -> None:
