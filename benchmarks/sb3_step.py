@@ -152,7 +152,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, help="timed turns of each")
     parser.add_argument("--steps", type=int, default=2_000, help="steps in a turn of Stable-Baselines3")
     parser.add_argument("--rounds", type=int, default=10, help="rounds' worth of steps in a turn of Sidestep")
-    parser.add_argument("--torch-threads", type=int, default=1, help="1 is fastest for networks this small")
+    parser.add_argument("--torch-threads", type=int, default=1, help="1 serves networks this small best")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead")
     options = parser.parse_args()
     torch.set_num_threads(options.torch_threads)

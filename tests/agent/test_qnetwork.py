@@ -187,3 +187,8 @@ def test_another_key_gives_another_network(grid: RoadNetwork) -> None:
     assert not np.allclose(
         values(network_for(grid, "paper", seed=1), seen), values(network_for(grid, "paper", seed=2), seen)
     )
+
+
+def test_a_node_without_exits_has_a_value_all_the_same() -> None:
+    q = combine(jnp.float32(2.0), jnp.array([1.0, 3.0]), jnp.zeros(2, bool))
+    assert q.tolist() == [3.0, 5.0]

@@ -91,3 +91,12 @@ def test_vmap_equals_a_loop() -> None:
     np.testing.assert_allclose(jax.vmap(q_learning)(*batch, valid_t), looped, rtol=1e-6, atol=1e-6)
     looped = [double_q_learning(*(leaf[i] for leaf in batch), selector_t[i], valid_t[i]) for i in range(20)]
     np.testing.assert_allclose(jax.vmap(double_q_learning)(*batch, selector_t, valid_t), looped, rtol=1e-6, atol=1e-6)
+
+
+def test_a_destination_without_exits_ends_the_episode_all_the_same() -> None:
+    # r - Q = -3 - 2 = -5; the next state's values must not turn 0 times minus infinity into NaN
+    nowhere = jnp.zeros(2, bool)
+    q_tm1, nothing = jnp.array([2.0, 7.0]), jnp.zeros(2)
+    common = (q_tm1, jnp.int32(0), jnp.float32(-3), jnp.float32(0))
+    assert float(q_learning(*common, nothing, nowhere)) == -5
+    assert float(double_q_learning(*common, nothing, nothing, nowhere)) == -5

@@ -43,6 +43,8 @@ class TrainConfig:
         for name in ("gamma", "alpha", "beta", "epsilon", "epsilon_end", "target_rate", "random_origins"):
             if not 0 <= getattr(self, name) <= 1:
                 raise TrainConfigError(f"{name} must lie between 0 and 1, not {getattr(self, name)}")
+        if not 0 < self.epsilon_share <= 1:
+            raise TrainConfigError(f"epsilon_share must lie above 0 and up to 1, not {self.epsilon_share}")
         for name in ("round_steps", "capacity"):
             if getattr(self, name) % self.walkers:
                 raise TrainConfigError(

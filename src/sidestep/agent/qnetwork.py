@@ -46,7 +46,7 @@ def combine(
     value: Float[Array, ""], advantage: Float[Array, " exit"], valid: Bool[Array, " exit"]
 ) -> Float[Array, " exit"]:
     """Q = V + A - mean of A over the valid exits (eq. 20, where |A| counts valid actions)."""
-    return value + advantage - jnp.sum(advantage, where=valid) / jnp.sum(valid)
+    return value + advantage - jnp.sum(advantage, where=valid) / jnp.maximum(jnp.sum(valid), 1)
 
 
 def dueling_network(

@@ -23,7 +23,7 @@ def q_learning(
     valid_t: Bool[Array, " exit"],
 ) -> Float[Array, ""]:
     """TD error of Q-learning: r + γ max Q⁻ - Q (eqs. 16 and 17; Mnih et al. 2015). ``q_t`` is the target network's."""
-    return r_t + discount_t * jnp.max(mask(q_t, valid_t)) - q_tm1[a_tm1]
+    return r_t + _discounted(discount_t, jnp.max(mask(q_t, valid_t))) - q_tm1[a_tm1]
 
 
 def double_q_learning(
@@ -39,4 +39,9 @@ def double_q_learning(
 
     The online network's ``selector_t`` chooses the next action, the target network's ``q_t`` values it.
     """
-    return r_t + discount_t * q_t[jnp.argmax(mask(selector_t, valid_t))] - q_tm1[a_tm1]
+    return r_t + _discounted(discount_t, q_t[jnp.argmax(mask(selector_t, valid_t))]) - q_tm1[a_tm1]
+
+
+def _discounted(discount_t: Float[Array, ""], value_t: Float[Array, ""]) -> Float[Array, ""]:
+    """Nothing after the end of an episode counts, not even the minus infinity of a destination without exits."""
+    return jnp.where(discount_t > 0, discount_t * value_t, 0.0)
