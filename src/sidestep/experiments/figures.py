@@ -87,7 +87,10 @@ def crowded_map(
         list(_beside(ends, 0.035 * spacing)), array=volume, cmap="YlOrBr", norm=norm, linewidths=4, capstyle="round"
     )
     axes.add_collection(streets)
-    figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at departure")
+    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at departure")
+    ticks = [tick for tick in (200, 500, 1000, 2000, 5000) if norm.vmin <= tick <= norm.vmax]
+    bar.set_ticks(ticks, labels=[f"{tick:,}" for tick in ticks])
+    bar.minorticks_off()
     _label_lengths(axes, network, ends)
     for rank, (name, route) in enumerate(routes.items()):
         points = np.asarray(network.position)[list(route.nodes)]
