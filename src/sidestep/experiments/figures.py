@@ -82,13 +82,18 @@ def crowded_map(
     axes = figure.subplots()
     ends = np.asarray(network.position)[np.stack([network.tail, network.head], axis=1)]  # [segment, end, xy]
     spacing = float(np.abs(ends[:, 0] - ends[:, 1]).max())
-    norm = LogNorm(vmin=max(float(volume.min()), 1.0), vmax=float(volume.max()))
+    fewest, most = max(float(volume.min()), 1.0), float(volume.max())
     streets = LineCollection(
-        list(_beside(ends, 0.035 * spacing)), array=volume, cmap="YlOrBr", norm=norm, linewidths=4, capstyle="round"
+        list(_beside(ends, 0.035 * spacing)),
+        array=volume,
+        cmap="YlOrBr",
+        norm=LogNorm(fewest, most),
+        linewidths=4,
+        capstyle="round",
     )
     axes.add_collection(streets)
     bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at departure")
-    ticks = [tick for tick in (200, 500, 1000, 2000, 5000) if norm.vmin <= tick <= norm.vmax]
+    ticks = [tick for tick in (200, 500, 1000, 2000, 5000) if fewest <= tick <= most]
     bar.set_ticks(ticks, labels=[f"{tick:,}" for tick in ticks])
     bar.minorticks_off()
     _label_lengths(axes, network, ends)
