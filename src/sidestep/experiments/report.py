@@ -10,10 +10,11 @@ from sidestep.evaluation.compare import Results
 from sidestep.evaluation.metrics import Row
 
 STYLE = """
-body { font: 16px/1.55 system-ui, sans-serif; color: #1f2933; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
+body { font: 16px/1.55 system-ui, sans-serif; color: #1f2933; max-width: 70rem; margin: 2rem auto; padding: 0 1rem }
 h1, h2 { line-height: 1.2 } h2 { margin-top: 2.5rem }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: 0.92rem }
 th, td { text-align: right; padding: 0.35rem 0.6rem; border-bottom: 1px solid #d9e2ec; vertical-align: top }
+td:not(.text) { white-space: nowrap }
 th:first-child, td:first-child, td.text, th.text { text-align: left }
 tr.darp { font-weight: 600 }
 .holds { color: #2d6a4f } .fails { color: #b02a37 } .partly { color: #a15c00 }
