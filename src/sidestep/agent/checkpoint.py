@@ -10,10 +10,10 @@ import jax
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.qnetwork import DuelingQNetwork
-from sidestep.agent.train import TrainState, prepare
+from sidestep.agent.train import TrainState, prepare, shown
 from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
-from sidestep.files import whole_file
+from sidestep.files import reason, whole_file
 from sidestep.scenarios import Scenario, draw_map
 
 FORMAT = 1
@@ -37,8 +37,8 @@ class TrainingRun:
 
     @property
     def network(self) -> DuelingQNetwork:
-        """The network that this run has to show: the best in test walks or the last, as configured."""
-        return self.state.best if self.config.keep == "best" else self.state.network
+        """The network that this run has to show."""
+        return shown(self.config, self.state)
 
 
 def save(run: TrainingRun, folder: Path) -> None:
@@ -68,7 +68,7 @@ def load(folder: Path) -> TrainingRun:
     try:
         file = path.open("rb")
     except OSError as error:
-        raise CheckpointError(f"no model in {folder}: cannot read {FILE} ({(error.strerror or '').lower()})") from error
+        raise CheckpointError(f"no model in {folder}: cannot read {FILE} ({reason(error)})") from error
     with file:
         try:
             header = json.loads(file.readline())

@@ -169,6 +169,11 @@ def train_round(
     return state, RoundReport(minutes, tested.arrived, jnp.mean(losses))
 
 
+def shown(config: TrainConfig, state: TrainState) -> DuelingQNetwork:
+    """The network that a run has to show: the best in test walks or the last, as configured."""
+    return state.best if config.keep == "best" else state.network
+
+
 def greedy(network: DuelingQNetwork) -> Decide:
     """The decision rule of a trained network: the valid exit of the highest value."""
     return lambda observation, _key: jnp.argmax(mask(network(observation), observation.valid))

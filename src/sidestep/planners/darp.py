@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int, Key
 from sidestep.agent.checkpoint import TrainingRun
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.qnetwork import DuelingQNetwork
-from sidestep.agent.train import greedy, train
+from sidestep.agent.train import greedy, shown, train
 from sidestep.environment.types import EnvParams, Instance, Level, Observation
 from sidestep.planners.base import DecideByPlan, Plan
 from sidestep.scenarios import CrowdedMap, Scenario
@@ -46,7 +46,7 @@ def train_darp(
     """Let an agent learn one map."""
     curve = []
     for state, report in train(config, scenario, place):
-        network = state.best if config.keep == "best" else state.network
+        network = shown(config, state)
         curve.append(np.asarray(report.test_minutes))
         on_round(len(curve), curve[-1])
     return Darp(network, np.stack(curve))
