@@ -118,8 +118,9 @@ def crowded_map(
     axes.set_aspect("equal")
     axes.axis("off")
     axes.margins(0.08)
-    axes.set_title(title, loc="left", color=INK)
-    axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=len(routes))
+    # Of the figure, not of the axes: its layout then leaves room for them.
+    figure.suptitle(title, color=INK)
+    figure.legend(frameon=False, loc="outside lower center", ncols=len(routes))
     return figure
 
 
