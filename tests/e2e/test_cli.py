@@ -130,7 +130,14 @@ def test_compare_takes_a_trained_model(sidestep, model):
 def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
     folder = tmp_path / "m"
     command = [sys.executable, "-m", "sidestep", "train", "paper-unblocked", "--rounds", "100000", "--out", str(folder)]
-    process = subprocess.Popen(command, env=environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        env=environ,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # noqa: PLW1509
     checkpoint = folder / "checkpoint.eqx"
     deadline = time.monotonic() + 120
     while not checkpoint.exists():
