@@ -136,8 +136,8 @@ def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # noqa: PLW1509
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+    )
     checkpoint = folder / "checkpoint.eqx"
     deadline = time.monotonic() + 120
     while not checkpoint.exists():
