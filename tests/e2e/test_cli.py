@@ -130,14 +130,13 @@ def test_compare_takes_a_trained_model(sidestep, model):
 def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
     folder = tmp_path / "m"
     command = [sys.executable, "-m", "sidestep", "train", "paper-unblocked", "--rounds", "100000", "--out", str(folder)]
-    process = subprocess.Popen(
-        command,
-        env=environ,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
-    )
+    # A child inherits ignored signals (a job in the background ignores interrupts), but never a handler of ours.
+    # (Not by `preexec_fn`: that forks, and JAX warns of forks.)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(command, env=environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
     checkpoint = folder / "checkpoint.eqx"
     deadline = time.monotonic() + 120
     while not checkpoint.exists():
