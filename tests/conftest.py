@@ -91,3 +91,18 @@ def make_instance() -> MakeInstance:
         )
 
     return make
+
+
+@pytest.fixture(scope="session")
+def agreed_row() -> set[str]:
+    """What every planner's row of ``results.json`` and ``compare --json`` has to hold."""
+    return {
+        "level",
+        "mean_minutes",
+        "ci95",
+        "saving_vs_shortest_path",
+        "regret",
+        "regret_ci95",
+        "arrival_rate",
+        "decision_us",
+    }

@@ -10,17 +10,6 @@ import time
 
 import pytest
 
-ROW = {
-    "level",
-    "mean_minutes",
-    "ci95",
-    "saving_vs_shortest_path",
-    "regret",
-    "regret_ci95",
-    "arrival_rate",
-    "decision_us",
-}
-
 
 @pytest.fixture(scope="session")
 def environ(tmp_path_factory):
@@ -71,7 +60,7 @@ def test_help_loads_nothing_heavy():
     assert not {"jax", "pandas", "matplotlib", "statsmodels", "equinox", "optax", "rustworkx"} & set(loaded)
 
 
-def test_compare_prints_the_agreed_shape(sidestep):
+def test_compare_prints_the_agreed_shape(sidestep, agreed_row):
     done = sidestep(
         "compare", "paper-congested", "--maps", 2, "--walks", 3, "--side", 3, "--crowded-nodes", 1, "--json"
     )
@@ -83,7 +72,7 @@ def test_compare_prints_the_agreed_shape(sidestep):
         "random-walk", "random-progress", "shortest-path", "expected", "clairvoyant", "darp",
     }  # fmt: skip
     for row in found["planners"].values():
-        assert set(row) >= ROW
+        assert set(row) >= agreed_row
         assert row["regret"] >= -1e-4
         assert row["ci95"][0] <= row["mean_minutes"] <= row["ci95"][1]
     assert found["planners"]["shortest-path"]["saving_vs_shortest_path"] == 0
@@ -155,14 +144,14 @@ def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
     assert len(checkpoints.load(folder).curve) >= 1
 
 
-def test_reproduce_quick_writes_everything(sidestep, tmp_path):
+def test_reproduce_quick_writes_everything(sidestep, agreed_row, tmp_path):
     out = tmp_path / "r"
     done = sidestep("reproduce", "--quick", "--out", out, "--json")
     assert done.returncode == 0, done.stderr
     results = json.loads((out / "results.json").read_text())
     assert results == json.loads(done.stdout)
     for key in ("unblocked", "congested", "unblocked_forecast", "congested_forecast"):
-        assert set(results[key]["planners"]["darp"]) >= ROW
+        assert set(results[key]["planners"]["darp"]) >= agreed_row
         assert results[key]["planners"]["darp"]["arrival_rate"] == 1.0
         assert (out / f"{key.replace('_', '-')}.png").read_bytes().startswith(b"\x89PNG")
     assert results["congested_forecast"]["planners"]["darp"]["regret"] <= 0.01

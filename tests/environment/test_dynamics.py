@@ -10,7 +10,6 @@ from scipy.stats import chisquare
 
 from sidestep.environment.dynamics import existing_exit, observe, random_exit, reset, step
 from sidestep.environment.types import EnvParams, EnvState, Instance, Outcome, RewardWeights, one_crowd
-from sidestep.network.grid import grid_network
 from sidestep.travel_time import crossing_time, speed_field
 
 
@@ -29,12 +28,8 @@ def steady(diamond, constant_field, make_params) -> EnvParams:
 
 
 @pytest.fixture(scope="module")
-def busy(make_params) -> EnvParams:
-    """A 3 x 3 grid with two crowds whose speeds change every 300 s."""
-    rng = np.random.default_rng(5)
-    network = grid_network(3, rng)
-    speed = rng.uniform(0.3, 2, (2, network.segments, 4))
-    return make_params(network, speed_field(jnp.asarray(speed, jnp.float32), 300.0), horizon=3000)
+def busy(make_busy) -> EnvParams:
+    return make_busy(horizon=3000)
 
 
 # --- By hand --------------------------------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ from sidestep.environment.dynamics import random_exit, reset, step
 from sidestep.environment.types import EnvParams, Instance, Observation
 from sidestep.environment.walk import Decide, walk
 from sidestep.network.graph import road_network
-from sidestep.network.grid import grid_network
 from sidestep.travel_time import speed_field
 
 KEY = jax.random.key(0)
@@ -30,12 +29,8 @@ def steady(diamond, constant_field, make_params) -> EnvParams:
 
 
 @pytest.fixture(scope="module")
-def busy(make_params) -> EnvParams:
-    """A 3 x 3 grid with two crowds whose speeds change every 300 s."""
-    rng = np.random.default_rng(5)
-    network = grid_network(3, rng)
-    speed = rng.uniform(0.3, 2, (2, network.segments, 4))
-    return make_params(network, speed_field(jnp.asarray(speed, jnp.float32), 300.0), horizon=20_000)
+def busy(make_busy) -> EnvParams:
+    return make_busy(horizon=20_000)
 
 
 @pytest.mark.parametrize("crowd", [0, 1])
