@@ -69,7 +69,8 @@ def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str,
     axes.set_title(title, loc="left", color=INK)
     axes.grid(axis="y", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    # Below the axes: inside, some curve would lie under it.
+    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
     return figure
 
 
@@ -104,7 +105,7 @@ def crowded_map(
         line = _beside(legs, shift).reshape(-1, 2)
         label = f"{name}: {route.seconds / 60:.0f} min" + ("" if route.arrived else " (did not arrive)")
         axes.plot(*line.T, color=COLOURS[name], linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
-    for node, text in ((routes_end(routes, 0), "origin"), (routes_end(routes, -1), "destination")):
+    for node, text in ((_routes_end(routes, 0), "origin"), (_routes_end(routes, -1), "destination")):
         x, y = np.asarray(network.position)[node]
         axes.plot(x, y, "o", color=INK, markersize=9, zorder=4)
         axes.annotate(
@@ -124,7 +125,7 @@ def crowded_map(
     return figure
 
 
-def routes_end(routes: Mapping[str, Route], which: int) -> int:
+def _routes_end(routes: Mapping[str, Route], which: int) -> int:
     """First or last node of the routes; the last is taken from one that arrived, if any did."""
     arrived = [route for route in routes.values() if route.arrived] or list(routes.values())
     return arrived[0].nodes[which]
