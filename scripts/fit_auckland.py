@@ -3,19 +3,20 @@
 import json
 from pathlib import Path
 
+from sidestep.files import write_text
 from sidestep.flow.arima import fit_arima
 from sidestep.flow.counts import AUCKLAND_SOURCE, TRAIN, load_auckland
+from sidestep.flow.summary import DEFAULT_SENSOR
 
-SENSOR = "45 Queen Street"
 TARGET = Path(__file__).parents[1] / "src/sidestep/flow/auckland_arima.json"
 
 
 def fitted() -> dict[str, object]:
     """What the JSON file holds: the paper's ARIMA(1, 0, 0), six significant digits."""
-    series = load_auckland().between(*TRAIN).series(SENSOR)
+    series = load_auckland().between(*TRAIN).series(DEFAULT_SENSOR)
     model = fit_arima(series, p=1, d=0, q=0)
     return {
-        "sensor": SENSOR,
+        "sensor": DEFAULT_SENSOR,
         "period": list(TRAIN),
         "unit": "persons/h",
         "step": model.step,
@@ -30,10 +31,8 @@ def fitted() -> dict[str, object]:
 
 
 def main() -> None:
-    """Write the file; a temporary name first, so that an interrupted run leaves the old one whole."""
-    temporary = TARGET.with_suffix(".tmp")
-    temporary.write_text(json.dumps(fitted(), indent=2) + "\n", encoding="utf-8")
-    temporary.replace(TARGET)
+    """Write the file."""
+    write_text(TARGET, json.dumps(fitted(), indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -9,9 +9,7 @@ from jaxtyping import Float
 from sidestep.flow import arima, profile
 from sidestep.flow.arima import Arima
 from sidestep.flow.counts import AUCKLAND_SOURCE, TEST, TRAIN, CountsError, CountTable, Period
-from sidestep.flow.profile import HourOfWeekProfile
-
-_WEEK = 168
+from sidestep.flow.profile import HOURS_OF_WEEK, HourOfWeekProfile
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +62,7 @@ def one_step_errors(
     training = table.between(*train)
     first = table.between(*test).times[0]
     # The hours before the test, long enough for the models to forget how they began.
-    tested = table.between(first - np.timedelta64(2 * _WEEK, "h"), test[1])
+    tested = table.between(first - np.timedelta64(2 * HOURS_OF_WEEK, "h"), test[1])
     series, learned = tested.series(sensor), training.series(sensor)
     try:
         arima_model = arima.fit_arima(learned, p, d, q)
@@ -74,7 +72,7 @@ def one_step_errors(
     hours = jnp.asarray(profile.hour_of_week(tested.times))
     predictions = {
         "persistence": _before(series, 1),
-        "last_week": _before(series, _WEEK),
+        "last_week": _before(series, HOURS_OF_WEEK),
         "arima": np.asarray(arima.one_step(arima_model, jnp.asarray(series))),
         "profile": np.asarray(profile.one_step(profile_model, hours, jnp.asarray(series))),
     }

@@ -8,10 +8,10 @@ import numpy as np
 
 from sidestep.flow.arima import simulate
 from sidestep.flow.counts import Period, Repair, load_auckland, read_counts
+from sidestep.flow.profile import HOURS_OF_WEEK
 from sidestep.flow.skill import one_step_errors, periods
 
 DEFAULT_SENSOR = "45 Queen Street"  # the one that the paper scenarios' model is fitted to
-WEEK = 168
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ def summarise_counts(
     found = one_step_errors(table, sensor, train, test, *order)
     model = found.arima_model
     training = table.between(*train).series(sensor)
-    innovations = jax.random.normal(jax.random.key(seed), (WEEK,))
-    week = np.asarray(simulate(model, jax.numpy.asarray(training[~np.isnan(training)][-WEEK:]), innovations))
+    innovations = jax.random.normal(jax.random.key(seed), (HOURS_OF_WEEK,))
+    week = np.asarray(simulate(model, jax.numpy.asarray(training[~np.isnan(training)][-HOURS_OF_WEEK:]), innovations))
     return CountSummary(
         source=table.source,
         first=str(table.times[0]),
