@@ -8,6 +8,11 @@ import shutil
 import sys
 from pathlib import Path
 
+from sidestep.evaluation.compare import Results
+from sidestep.evaluation.metrics import cells
+from sidestep.experiments.paper import LITERAL
+from sidestep.files import write_text
+
 DOCS = Path(__file__).parents[1] / "docs"
 TITLES = {
     "unblocked_forecast": "Unblocked streets, forecasts only (the paper's flows)",
@@ -23,7 +28,7 @@ python scripts/reproduction_page.py reproduction               # this page
 ```
 
 {maps} maps a condition, {walks} walks a map; `darp` (the `default` preset) is trained anew on every map, `darp-paper`
-(the paper's settings as printed) on the first 20. All planners walk the same maps through the same crowds, which
+(the paper's settings as printed) on the first {literal}. All planners walk the same maps through the same crowds, which
 training never met. Minutes are means with 95 % bootstrap intervals over maps; *saved* is against `shortest-path`,
 *regret* is the time over that of the clairvoyant, the lower bound; a walk that does not arrive counts as 24 hours.
 `expected` is the best plan that can be made beforehand. What we had to decide or correct is listed in
@@ -40,7 +45,8 @@ def main(folder: Path) -> None:
     """Write the page."""
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     first = results["unblocked"]
-    page = HEAD.format(maps=first["maps"], walks=first["walks"], seed=first["seed"])
+    literal = first["planners"][LITERAL]["maps"]
+    page = HEAD.format(maps=first["maps"], walks=first["walks"], seed=first["seed"], literal=literal)
     for claim in results["claims"]:
         page += f"| {claim['paper']} | {claim['ours']} | **{claim['verdict']}** | {claim['why']} |\n"
     (DOCS / "images").mkdir(exist_ok=True)
@@ -49,23 +55,15 @@ def main(folder: Path) -> None:
         picture = f"{key.replace('_', '-')}.png"
         shutil.copy(folder / picture, DOCS / "images" / picture)
         page += f"\n![Learning curves: {title}](images/{picture})\n"
-    (DOCS / "reproduction.md").write_text(page, encoding="utf-8")
+    write_text(DOCS / "reproduction.md", page)
 
 
-def table(compared: dict) -> str:
+def table(compared: Results) -> str:
     """One condition in Markdown."""
     text = "| planner | knows | minutes | 95 % | saved | best map | regret | 95 % | arrive | µs a decision |\n"
     text += "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|\n"
     for name, row in compared["planners"].items():
-        shown = name if row["maps"] == compared["maps"] else f"{name} ({row['maps']} maps)"
-        low, high = row["ci95"]
-        regret_low, regret_high = row["regret_ci95"]
-        text += (
-            f"| {shown} | {row['level']} | {row['mean_minutes']:.1f} | {low:.1f} to {high:.1f} "
-            f"| {100 * row['saving_vs_shortest_path']:.1f} % | {100 * row['best_saving']:.1f} % "
-            f"| {100 * row['regret']:.2f} % | {100 * regret_low:.2f} to {100 * regret_high:.2f} "
-            f"| {100 * row['arrival_rate']:.1f} % | {row['decision_us']:.1f} |\n"
-        )
+        text += f"| {' | '.join(cells(name, row, compared['maps']).values())} |\n"
     return text
 
 

@@ -18,6 +18,8 @@ WIDTH = 160  # where the output is no terminal
 
 def show_results(results: "Results") -> None:
     """Print a comparison as a table."""
+    from sidestep.evaluation.metrics import cells
+
     title = (
         f"{results['scenario']} ({results['flows']} flows): {results['maps']} map{'s' * (results['maps'] > 1)}, "
         f"{results['walks']} walks each, seed {results['seed']}"
@@ -25,19 +27,7 @@ def show_results(results: "Results") -> None:
     columns = ("planner", "knows", ">minutes", ">95 %", ">saved", ">regret", ">95 %", ">arrive", ">µs/decision")
     table = _table(*columns, title=title)
     for name, row in results["planners"].items():
-        low, high = row["ci95"]
-        regret_low, regret_high = row["regret_ci95"]
-        table.add_row(
-            name if row["maps"] == results["maps"] else f"{name} ({row['maps']} maps)",
-            row["level"],
-            f"{row['mean_minutes']:.1f}",
-            f"{low:.1f} to {high:.1f}",
-            f"{100 * row['saving_vs_shortest_path']:.1f} %",
-            f"{100 * row['regret']:.2f} %",
-            f"{100 * regret_low:.2f} to {100 * regret_high:.2f}",
-            f"{100 * row['arrival_rate']:.1f} %",
-            f"{row['decision_us']:,.1f}",
-        )
+        table.add_row(*(text for column, text in cells(name, row, results["maps"]).items() if column != "best map"))
     _print(table)
 
 

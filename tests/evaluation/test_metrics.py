@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, summarise
+from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, cells, summarise
 
 
 def record(minutes: list[list[float]], arrived: list[list[bool]] | None = None, level: str = "map") -> Record:
@@ -125,3 +125,22 @@ def test_the_seed_decides_the_resamples() -> None:
     wide = {REFERENCE: record(minutes), BOUND: record(minutes)}
     assert summarise(wide, 7) == summarise(wide, 7)
     assert summarise(wide, 7)[BOUND]["ci95"] != summarise(wide, 8)[BOUND]["ci95"]
+
+
+def test_a_row_as_people_read_it() -> None:
+    some = rows(mine=record([[55, 77]], level="position"))["mine"] | {
+        "ci95": [60.04, 70.0], "regret": 0.01234, "regret_ci95": [0.0, 0.0256], "decision_us": 1234.56,
+    }  # fmt: skip
+    assert list(cells("mine", some, maps=2).items()) == [
+        ("planner", "mine (1 maps)"),
+        ("knows", "position"),
+        ("minutes", "66.0"),
+        ("minutes 95 %", "60.0 to 70.0"),
+        ("saved", "40.0 %"),
+        ("best map", "45.0 %"),
+        ("regret", "1.23 %"),
+        ("regret 95 %", "0.00 to 2.56"),
+        ("arrive", "100.0 %"),
+        ("µs a decision", "1,234.6"),
+    ]
+    assert cells("mine", some, maps=1)["planner"] == "mine"

@@ -72,6 +72,29 @@ def _row(record: Record, records: dict[str, Record], seed: int) -> Row:
     }
 
 
+def cells(name: str, row: Row, maps: int) -> dict[str, str]:
+    """One planner's row as people read it, column by column; ``maps`` is how many the comparison has."""
+    low, high = row["ci95"]
+    regret_low, regret_high = row["regret_ci95"]
+    return {
+        "planner": name if row["maps"] == maps else f"{name} ({row['maps']} maps)",
+        "knows": row["level"],
+        "minutes": f"{row['mean_minutes']:.1f}",
+        "minutes 95 %": f"{low:.1f} to {high:.1f}",
+        "saved": percent(row["saving_vs_shortest_path"]),
+        "best map": percent(row["best_saving"]),
+        "regret": percent(row["regret"], 2),
+        "regret 95 %": f"{100 * regret_low:.2f} to {100 * regret_high:.2f}",
+        "arrive": percent(row["arrival_rate"]),
+        "µs a decision": f"{row['decision_us']:,.1f}",
+    }
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A share as people read it."""
+    return f"{100 * share:.{digits}f} %"
+
+
 def _units(minutes: Float[np.ndarray, "map walk"]) -> Float[np.ndarray, " unit"]:
     """What is resampled: maps, or the walks of the only map."""
     return minutes[0] if len(minutes) == 1 else minutes.mean(axis=1)

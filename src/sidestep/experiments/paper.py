@@ -56,8 +56,7 @@ from pathlib import Path
 import numpy as np
 
 from sidestep.agent.config import PRESETS
-from sidestep.evaluation.compare import BASELINES, Comparison, Walked, compare
-from sidestep.evaluation.metrics import summarise
+from sidestep.evaluation.compare import BASELINES, Comparison, Results, Walked, compare
 from sidestep.experiments import figures, report
 from sidestep.files import write_text
 from sidestep.planners.base import Planner
@@ -111,7 +110,7 @@ def reproduce(
     pictures = {}
     for key, found in conditions.items():
         pictures[key] = out / f"{key.replace('_', '-')}.png"
-        _draw(key, found, plan.seed, pictures[key])
+        _draw(key, compared[key], found.curves, pictures[key])
     claims = report.claims(compared)
     curves = {
         key: {name: curve.minutes.mean(axis=0).tolist() for name, curve in found.curves.items()}
@@ -151,9 +150,8 @@ def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable
     return Condition(comparison, {name: figures.Curve(np.stack(found), steps[name]) for name, found in curves.items()})
 
 
-def _draw(key: str, found: Condition, seed: int, path: Path) -> None:
-    rows = summarise(found.comparison.records, seed)
-    flows = "ARIMA noise" if found.comparison.scenario.flows == "arima" else "forecast only"
-    title = f"{key.partition('_')[0].capitalize()} streets ({flows}), {found.comparison.maps} maps"
-    lines = {name: rows[name]["mean_minutes"] for name in LINES}
-    figures.save(figures.learning_curves(title, found.curves, lines), path)
+def _draw(key: str, compared: Results, curves: dict[str, figures.Curve], path: Path) -> None:
+    flows = "ARIMA noise" if compared["flows"] == "arima" else "forecast only"
+    title = f"{key.partition('_')[0].capitalize()} streets ({flows}), {compared['maps']} maps"
+    lines = {name: compared["planners"][name]["mean_minutes"] for name in LINES}
+    figures.save(figures.learning_curves(title, curves, lines), path)

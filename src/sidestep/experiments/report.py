@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from sidestep.evaluation.compare import Results
-from sidestep.evaluation.metrics import Row
+from sidestep.evaluation.metrics import Row, cells, percent
 
 STYLE = """
 body { font: 16px/1.55 system-ui, sans-serif; color: #1f2933; max-width: 70rem; margin: 2rem auto; padding: 0 1rem }
@@ -43,24 +43,24 @@ def claims(results: Mapping[str, Results]) -> list[Claim]:
     return [
         Claim(
             "Unblocked: saves up to 37.3 % of the shortest path's time in the best cases.",
-            f"Best map {_percent(darp_free['best_saving'])}, mean {_percent(darp_free['saving_vs_shortest_path'])}; "
-            f"the best possible walk saves {_percent(bound_free['saving_vs_shortest_path'])} in the mean.",
+            f"Best map {percent(darp_free['best_saving'])}, mean {percent(darp_free['saving_vs_shortest_path'])}; "
+            f"the best possible walk saves {percent(bound_free['saving_vs_shortest_path'])} in the mean.",
             _verdict(darp_free["best_saving"], 0.373, 0.06),
             "Any optimal planner saves as much: it is a property of the maps. The distance to the bound counts.",
         ),
         Claim(
             "Congested: saves 52.1 % of the shortest path's time.",
-            f"{_percent(darp_jam['saving_vs_shortest_path'])} in the mean; the best possible walk saves "
-            f"{_percent(bound_jam['saving_vs_shortest_path'])}.",
+            f"{percent(darp_jam['saving_vs_shortest_path'])} in the mean; the best possible walk saves "
+            f"{percent(bound_jam['saving_vs_shortest_path'])}.",
             _verdict(darp_jam["saving_vs_shortest_path"], 0.521, 0.05),
             "With four crowded nodes, which the paper does not say; with others it is another number.",
         ),
         Claim(
             "Congested: saves 65.3 % of random selection's time (216 minutes, if DARP takes 75).",
-            f"{_percent(of_progress)} of a random path of fewest segments "
-            f"({jam['random-progress']['mean_minutes']:.0f} minutes), {_percent(of_walk)} of a random walk "
+            f"{percent(of_progress)} of a random path of fewest segments "
+            f"({jam['random-progress']['mean_minutes']:.0f} minutes), {percent(of_walk)} of a random walk "
             f"({jam['random-walk']['mean_minutes']:.0f} minutes or more: "
-            f"{_percent(1 - jam['random-walk']['arrival_rate'])} had not arrived when the horizon was over).",
+            f"{percent(1 - jam['random-walk']['arrival_rate'])} had not arrived when the horizon was over).",
             "holds" if min(abs(of_progress - 0.653), abs(of_walk - 0.653)) < 0.03 else "fails",
             "Neither reading of random selection takes about 216 minutes.",
         ),
@@ -80,8 +80,8 @@ def claims(results: Mapping[str, Results]) -> list[Claim]:
         ),
         Claim(
             "The settings as printed (γ = 0.95, RMSProp 1e-4, position as x and y) learn this.",
-            f"Congested, after 50,000 steps: {_percent(literal_jam['arrival_rate'])} of the walks arrive, mean "
-            f"{literal_jam['mean_minutes']:.0f} minutes; unblocked {_percent(free['darp-paper']['arrival_rate'])} "
+            f"Congested, after 50,000 steps: {percent(literal_jam['arrival_rate'])} of the walks arrive, mean "
+            f"{literal_jam['mean_minutes']:.0f} minutes; unblocked {percent(free['darp-paper']['arrival_rate'])} "
             f"arrive, mean {free['darp-paper']['mean_minutes']:.0f} ({literal_jam['maps']} maps).",
             "holds" if literal_jam["arrival_rate"] > 0.99 and literal_jam["regret"] < 0.1 else "fails",
             "γ = 0.95 makes walking to and fro on a cheap street worth more than a long way to the destination.",
@@ -89,8 +89,8 @@ def claims(results: Mapping[str, Results]) -> list[Claim]:
         Claim(
             "The agent can dynamically adjust its strategy to changing flows.",
             f"With noise in the flows the position-level agent has a regret of "
-            f"{_percent(noisy['darp']['regret'])}; a fixed plan made on expected flows has "
-            f"{_percent(noisy['expected']['regret'])}.",
+            f"{percent(noisy['darp']['regret'])}; a fixed plan made on expected flows has "
+            f"{percent(noisy['expected']['regret'])}.",
             "holds" if noisy["darp"]["regret"] < noisy["expected"]["regret"] - 0.003 else "fails",
             "Its state is the position alone: it sees neither clock nor crowd, and repeats one route. At best it is as "
             "good as the best fixed plan.",
@@ -140,27 +140,9 @@ def _section(key: str, compared: Results, picture: Path) -> str:
 
 
 def _table_row(name: str, row: Row, maps: int) -> str:
-    low, high = row["ci95"]
-    regret_low, regret_high = row["regret_ci95"]
-    shown = name if row["maps"] == maps else f"{name} ({row['maps']} maps)"
-    cells = (
-        f"{row['mean_minutes']:.1f}",
-        f"{low:.1f} to {high:.1f}",
-        _percent(row["saving_vs_shortest_path"]),
-        _percent(row["best_saving"]),
-        _percent(row["regret"], 2),
-        f"{100 * regret_low:.2f} to {100 * regret_high:.2f}",
-        _percent(row["arrival_rate"]),
-        f"{row['decision_us']:.2g}",
-    )
-    level = escape(row["level"])
     marked = ' class="darp"' if name == "darp" else ""
-    return (
-        f'<tr{marked}><td>{escape(shown)}</td><td class="text">{level}</td>'
-        + "".join(f"<td>{cell}</td>" for cell in cells)
-        + "</tr>"
+    texts = (
+        f'<td class="text">{escape(text)}</td>' if column in ("planner", "knows") else f"<td>{escape(text)}</td>"
+        for column, text in cells(name, row, maps).items()
     )
-
-
-def _percent(share: float, digits: int = 1) -> str:
-    return f"{100 * share:.{digits}f} %"
+    return f"<tr{marked}>{''.join(texts)}</tr>"
