@@ -5,6 +5,7 @@ import math
 import os
 import sys
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
@@ -15,6 +16,10 @@ from sidestep import __version__, console
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cyclopts import Token
+
     from sidestep.scenarios import Scenario
 
 INTERRUPTED, BAD_INPUT = 130, 2
@@ -27,10 +32,22 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 
-Seed = Annotated[int, Parameter(help="Seed of maps, crowds and training.")]
+
+def _whole(_type: object, tokens: "Sequence[Token]") -> int:
+    """A whole number; left alone, the library would round 1.5 to 2 without a word."""
+    text = tokens[0].value
+    try:
+        return int(text)
+    except ValueError as error:
+        raise ValueError(f"{text!r} is not a whole number") from error
+
+
+Whole = partial(Parameter, converter=_whole)
+
+Seed = Annotated[int, Whole(help="Seed of maps, crowds and training.")]
 Json = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON instead of tables.")]
 Out = Annotated[Path, Parameter(help="Folder for what is written; made if it is not there.")]
-Workers = Annotated[int | None, Parameter(help="Maps at a time; by default one for each processor.")]
+Workers = Annotated[int | None, Whole(help="Maps at a time; by default one for each processor.")]
 Preset = Annotated[Literal["default", "paper"], Parameter(help="How the agent learns.")]
 FlowsOption = Annotated[
     Literal["arima", "forecast"] | None,
@@ -43,8 +60,8 @@ RuleOption = Annotated[
 LawOption = Annotated[
     Literal["power", "power-capped", "weidmann"] | None, Parameter(name="--law", help="Walking speed by density.")
 ]
-Side = Annotated[int | None, Parameter(name="--side", help="Nodes along one side of the grid.")]
-Crowded = Annotated[int | None, Parameter(name="--crowded-nodes", help="Nodes whose streets begin crowded.")]
+Side = Annotated[int | None, Whole(name="--side", help="Nodes along one side of the grid.")]
+Crowded = Annotated[int | None, Whole(name="--crowded-nodes", help="Nodes whose streets begin crowded.")]
 
 
 @app.command
@@ -71,7 +88,7 @@ def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> N
 @app.command
 def reproduce(
     *,
-    maps: Annotated[int, Parameter(help="Maps in each condition.")] = 100,
+    maps: Annotated[int, Whole(help="Maps in each condition.")] = 100,
     quick: Annotated[bool, Parameter(negative=(), help="A small run of everything: 2 maps, 5 walks.")] = False,
     out: Out = Path("reproduction"),
     seed: Seed = 0,
@@ -111,8 +128,8 @@ def train(
     /,
     *,
     preset: Preset = "default",
-    index: Annotated[int, Parameter(name="--map", help="Number of the map.")] = 0,
-    rounds: Annotated[int | None, Parameter(help="Rounds of training.")] = None,
+    index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
+    rounds: Annotated[int | None, Whole(help="Rounds of training.")] = None,
     gamma: Annotated[float | None, Parameter(help="Discount factor.")] = None,
     alpha: Annotated[float | None, Parameter(help="Prioritisation of the replay; 0 is uniform.")] = None,
     double: Annotated[bool | None, Parameter(help="Double Q-learning.")] = None,
@@ -190,8 +207,8 @@ def compare(
     /,
     *,
     planners: Annotated[str | None, Parameter(help="Planners with commas between; by default all of them.")] = None,
-    maps: Annotated[int, Parameter(help="Number of maps.")] = 10,
-    walks: Annotated[int, Parameter(help="Walks on each map.")] = 20,
+    maps: Annotated[int, Whole(help="Number of maps.")] = 10,
+    walks: Annotated[int, Whole(help="Walks on each map.")] = 20,
     preset: Preset = "default",
     model: Annotated[Path | None, Parameter(help="Folder of a trained model: compare on its map only.")] = None,
     flows: FlowsOption = None,
@@ -256,10 +273,10 @@ def counts(
     sensor: Annotated[
         str | None, Parameter(help="Sensor to model; by default the one that the scenarios use, or the first.")
     ] = None,
-    p: Annotated[int, Parameter(help="Autoregressive order.")] = 1,
-    d: Annotated[int | None, Parameter(help="Differences; by default the data choose.")] = None,
-    q: Annotated[int, Parameter(help="Moving-average order.")] = 0,
-    seed: Annotated[int, Parameter(help="Seed of the simulated week that is set beside the counts.")] = 0,
+    p: Annotated[int, Whole(help="Autoregressive order.")] = 1,
+    d: Annotated[int | None, Whole(help="Differences; by default the data choose.")] = None,
+    q: Annotated[int, Whole(help="Moving-average order.")] = 0,
+    seed: Annotated[int, Whole(help="Seed of the simulated week that is set beside the counts.")] = 0,
     as_json: Json = False,
 ) -> None:
     """Show what was loaded, what was repaired, the fitted model, and how well it predicts the next hour."""
