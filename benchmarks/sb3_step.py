@@ -29,7 +29,9 @@ from sidestep.agent.config import PRESETS, TrainConfig
 from sidestep.agent.train import train
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import EnvParams
-from sidestep.scenarios import CrowdedMap, Scenario, draw_map, instances, make_environment, scenario
+from sidestep.scenarios.catalogue import Scenario, scenario
+from sidestep.scenarios.maps import CrowdedMap, draw_map
+from sidestep.scenarios.worlds import instances, make_environment
 
 
 class Grid(gymnasium.Env):
@@ -86,7 +88,7 @@ class Grid(gymnasium.Env):
 def check_same(grid: Grid, problem: Scenario, params: EnvParams, steps: int = 300) -> None:
     """Walk both environments at random: they must agree, or the comparison compares nothing."""
     one_step = jax.jit(step)
-    state, _ = reset(params, jax.tree.map(lambda leaf: leaf[0], instances(problem, params, 1)))
+    state, _ = reset(params, jax.tree.map(lambda leaf: leaf[0], instances(problem, place, params, 1)))
     grid.reset(options={"crowd": 0})
     for action in np.random.default_rng(0).integers(4, size=steps):
         state, outcome = one_step(params, state, jnp.asarray(action))

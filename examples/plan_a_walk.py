@@ -10,7 +10,7 @@ place = draw_map(problem, seed=0)
 darp = train_darp(PRESETS["default"], problem, place)
 
 crowds = make_environment(problem, place, "test", crowds=1)  # a future that training never met
-walk = instances(problem, crowds, walks=1)
+walk = instances(problem, place, crowds, walks=1)
 for planner in (darp, Clairvoyant()):
     route = routes(planner, crowds, walk, jax.random.key(0), trace=50)[0]
     print(f"{planner.name}: {route.seconds / 60:.0f} min over {' '.join(map(str, route.nodes))}")

@@ -9,18 +9,9 @@ import numpy as np
 import pytest
 
 from sidestep.environment.types import EnvParams
-from sidestep.scenarios import (
-    BUILT_IN,
-    LAWS,
-    CrowdedMap,
-    Scenario,
-    ScenarioError,
-    draw_map,
-    instances,
-    make_environment,
-    sampler,
-    scenario,
-)
+from sidestep.scenarios.catalogue import BUILT_IN, LAWS, Scenario, ScenarioError, scenario
+from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map, fingerprint
+from sidestep.scenarios.worlds import destinations, instances, make_environment, renew_crowds, sampler
 
 HOUR = 3600.0
 
@@ -117,6 +108,7 @@ def test_scenarios_that_cannot_be(changes: dict, message: str) -> None:
         (dict(flows="real"), "flows must be one of arima, forecast, not 'real'"),
         (dict(law="aoki"), "law must be one of power, power-capped, weidmann, not 'aoki'"),
         (dict(rule="exit"), "rule must be one of integrated, entry, not 'exit'"),
+        (dict(level="hindsight"), "level must be one of position, local, map, live, not 'hindsight'"),
     ],
 )
 def test_choices_that_are_none(changes: dict, message: str) -> None:
@@ -305,16 +297,16 @@ def test_speeds_are_positive_and_finite_all_day(law: str) -> None:
 # --- Walks ----------------------------------------------------------------------------------------------------------
 
 
-def test_walks_go_from_corner_to_corner_each_through_its_own_future(params_of_test) -> None:
-    todo = instances(small(), params_of_test, 6, first=3)
+def test_walks_go_from_corner_to_corner_each_through_its_own_future(place, params_of_test) -> None:
+    todo = instances(small(), place, params_of_test, 6, first=3)
     assert todo.origin.tolist() == [0] * 6
     assert todo.destination.tolist() == [8] * 6
     assert todo.departure.tolist() == [0] * 6
     assert todo.crowd.tolist() == [3, 0, 1, 2, 3, 0]  # of four
 
 
-def test_samplers(params_of_test) -> None:
-    here, anywhere = (sampler(small(), params_of_test, 3, anywhere=where) for where in (False, True))
+def test_samplers(place, params_of_test) -> None:
+    here, anywhere = (sampler(small(), place, params_of_test, 3, anywhere=where) for where in (False, True))
     draws = jnp.asarray(np.random.default_rng(0).random((200, 4)), jnp.float32)
     from_here, from_anywhere = (jax.vmap(one.sample)(draws) for one in (here, anywhere))
     assert set(from_here.origin.tolist()) == {0}
@@ -324,7 +316,7 @@ def test_samplers(params_of_test) -> None:
         assert set(drawn.departure.tolist()) == {0}
         assert set(drawn.crowd.tolist()) == {0, 1, 2}
     # no more than there are
-    assert int(sampler(small(), params_of_test, 99).crowds) == 4
+    assert int(sampler(small(), place, params_of_test, 99).crowds) == 4
     # the same compiled program serves both
     assert jax.tree.map(jnp.shape, here) == jax.tree.map(jnp.shape, anywhere)
 
@@ -348,3 +340,227 @@ def test_numbers_that_cannot_be(changes: dict, message: str) -> None:
 def test_maps_are_counted_from_zero(seed: int, index: int) -> None:
     with pytest.raises(ScenarioError, match="must not be negative"):
         draw_map(scenario("paper-congested"), seed, index)
+
+
+# --- Rush hours -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "side", "crowded_nodes"), [("rush-16", 16, 28), ("rush-32", 32, 114)])
+def test_rush_hours_by_the_numbers(name: str, side: int, crowded_nodes: int) -> None:
+    rush = BUILT_IN[name]
+    # every ninth node is crowded: 256 / 9 = 28.4 and 1,024 / 9 = 113.8
+    assert (rush.side, rush.crowded_nodes, rush.departures, rush.level) == (side, crowded_nodes, (0, 3600), "local")
+    assert (rush.law, rush.reward.progress, rush.reward.bonus) == ("power-capped", 0, 0)
+    place = draw_map(rush, 0)
+    network, flow = place.network, place.flow
+    assert (network.nodes, network.segments) == (side**2, 4 * side * (side - 1))
+    assert place.parts == (side**2,)
+    assert flow.period == 4 * HOUR
+    assert ((np.asarray(flow.amplitude) >= 0.2) & (np.asarray(flow.amplitude) <= 0.8)).all()
+    assert np.ptp(flow.amplitude) > 0.5
+    assert ((np.asarray(flow.phase) >= 0) & (np.asarray(flow.phase) <= 6.2832)).all()
+    assert np.ptp(flow.phase) > 6
+    # Crowded are nodes whose segments all are: their volumes lie 4 standard deviations of 1,000 about 5,000.
+    tail, head = np.asarray(network.tail), np.asarray(network.head)
+    full = np.asarray(flow.base) > 1000
+    nodes = [node for node in range(side**2) if full[(tail == node) | (head == node)].all()]
+    assert (full == (np.isin(tail, nodes) | np.isin(head, nodes))).all()
+    # Nodes between crowded ones look crowded too, so there may be a few more.
+    assert crowded_nodes <= len(nodes) < 1.2 * crowded_nodes
+    assert not {0, side**2 - 1} & set(nodes)
+    assert flow.base[full].mean() == pytest.approx(5000, abs=300)
+    assert flow.base[~full].min() >= 200
+
+
+def test_both_directions_of_a_street_have_one_wave_and_streets_have_their_own() -> None:
+    place = draw_map(BUILT_IN["rush-16"], 3)
+    waves = zip(place.flow.amplitude.tolist(), place.flow.phase.tolist(), strict=True)
+    wave = dict(zip(zip(place.network.tail.tolist(), place.network.head.tolist(), strict=True), waves, strict=True))
+    assert all(wave[head, tail] == wave[tail, head] for tail, head in wave)
+    assert len(set(wave.values())) == len(wave) / 2
+
+
+def test_walks_depart_within_the_hour() -> None:
+    rush = scenario("rush-16", side=3, crowded_nodes=1, horizon=HOUR)
+    place = draw_map(rush, 0)
+    params = make_environment(rush, place, "test", 2)
+    # the golden ratio: 0, .618034, 1.236068 - 1, 1.854102 - 1 of an hour
+    todo = instances(rush, place, params, 4)
+    np.testing.assert_allclose(todo.departure, [0, 2224.92, 849.84, 3074.77], atol=0.01)
+    np.testing.assert_allclose(instances(rush, place, params, 2, first=2).departure, todo.departure[2:])
+    drawn = jax.vmap(sampler(rush, place, params, 2).sample)(jnp.linspace(0, 0.999, 50)[:, None] * jnp.ones(4))
+    assert (float(drawn.departure[0]), float(drawn.departure[-1])) == (0, pytest.approx(3596.4))
+
+
+def test_shifting_crowds_are_elsewhere_in_every_future() -> None:
+    shifting, fixed = BUILT_IN["shifting-crowds"], BUILT_IN["rush-16"]
+    assert (shifting.side, shifting.crowded_nodes, shifting.departures) == (16, 28, (0, 3600))
+    place = draw_map(shifting, 0)
+    assert (place.network.length == draw_map(fixed, 0).network.length).all()
+    # Nobody's streets are crowded in ordinary: nobody can know where they will be.
+    assert float(place.flow.ordinary.base.max()) <= 1000
+    drawn = np.asarray(place.flow.draw(jax.random.key(0), 4, 1).volume)[:, 0]
+    wave = np.asarray(place.flow.ordinary.usual(jnp.array([0]))[0] / place.flow.ordinary.base)
+    # exp(.4 * 2) = 2.2 times 1,000 is little for a crowded street
+    full = drawn / wave > 2300
+    tail, head = np.asarray(place.network.tail), np.asarray(place.network.head)
+    assert not full[:, np.isin(tail, [0, 255]) & np.isin(head, [0, 255])].any()
+    for one, other in ((0, 1), (1, 2), (2, 3)):
+        assert 80 < full[one].sum() < 28 * 8
+        assert (full[one] & full[other]).sum() < 0.5 * full[one].sum()
+
+
+# --- Maps that were never walked ------------------------------------------------------------------------------------
+
+
+def lengths(place: CrowdedMap) -> set[float]:
+    return set(place.network.length.tolist())
+
+
+def test_unseen_maps_have_three_sizes_in_turn() -> None:
+    unseen = BUILT_IN["unseen-maps"]
+    assert (unseen.sides, unseen.maps, unseen.training_maps, unseen.level) == ((10, 14, 18), 12, 32, "map")
+    maps = [draw_map(unseen, 0, index) for index in range(4)]
+    assert [place.network.nodes for place in maps] == [100, 196, 324, 100]
+    assert [place.parts for place in maps] == [(100,), (196,), (324,), (100,)]
+    # 11 of 100 nodes are crowded, and as large a share of the others: 21.6 and 35.6
+    for place, crowded_nodes in zip(maps, (11, 22, 36, 11), strict=True):
+        tail, head = np.asarray(place.network.tail), np.asarray(place.network.head)
+        full = np.asarray(place.flow.base) > 1000
+        nodes = [node for node in range(place.network.nodes) if full[(tail == node) | (head == node)].all()]
+        assert crowded_nodes <= len(nodes) <= 1.2 * crowded_nodes
+
+
+def test_training_maps_are_others_side_by_side() -> None:
+    unseen = BUILT_IN["unseen-maps"]
+    learned = draw_training_map(unseen, 0)
+    assert learned.parts == (100,) * 32
+    assert (learned.network.nodes, learned.network.segments) == (3200, 32 * 360)
+    # no street leads from one to another
+    assert (learned.network.tail // 100 == learned.network.head // 100).all()
+    # all different
+    assert len(lengths(learned)) == pytest.approx(32 * 180, rel=0.01)
+    for index in range(unseen.maps):
+        # Two uniform draws of some 5,000 values between 100 and 1,000 m may meet in single precision; maps do not.
+        walked = lengths(draw_map(unseen, 0, index))
+        assert len(walked & lengths(learned)) < 0.05 * len(walked)
+    # all maps of a seed are learned for together; their training has streams of its own
+    other = draw_training_map(unseen, 0, 3)
+    assert fingerprint(other) == fingerprint(learned)
+    assert fingerprint(draw_training_map(unseen, 1)) != fingerprint(learned)
+
+
+def test_a_scenario_without_training_maps_learns_the_map_itself() -> None:
+    assert fingerprint(draw_training_map(small(), 3, 5)) == fingerprint(draw_map(small(), 3, 5))
+
+
+def test_the_fingerprint_tells_maps_apart(place) -> None:
+    assert fingerprint(draw_map(small(), 0)) == fingerprint(place)
+    assert fingerprint(draw_map(small(horizon=2 * HOUR, law="weidmann"), 0)) == fingerprint(place)
+    others = [
+        draw_map(small(), 1),
+        draw_map(small(), 0, 1),
+        draw_map(small(crowded_nodes=1), 0),  # the same streets with other crowds
+        draw_map(small(side=4), 0),
+        draw_map(scenario("rush-16", side=3, crowded_nodes=2), 0),
+    ]
+    assert len({fingerprint(other) for other in (place, *others)}) == 6
+
+
+def tiny_unseen(**changes) -> Scenario:
+    """Two maps of nine crossings to learn on; others of nine and sixteen to walk."""
+    return scenario("unseen-maps", **(dict(side=3, larger=(4,), crowded_nodes=1, training_maps=2) | changes))
+
+
+def test_walks_take_the_parts_in_turn() -> None:
+    unseen = tiny_unseen(horizon=HOUR)
+    learned = draw_training_map(unseen, 0)
+    params = make_environment(unseen, learned, "learn", 3)
+    todo = instances(unseen, learned, params, 5, first=1)
+    assert todo.origin.tolist() == [9, 0, 9, 0, 9]
+    assert todo.destination.tolist() == [17, 8, 17, 8, 17]
+    assert todo.crowd.tolist() == [1, 2, 0, 1, 2]
+    draws = jnp.asarray(np.random.default_rng(0).random((300, 4)), jnp.float32)
+    here, anywhere = (
+        jax.vmap(sampler(unseen, learned, params, 3, anywhere=where).sample)(draws) for where in (False, True)
+    )
+    assert set(zip(here.origin.tolist(), here.destination.tolist(), strict=True)) == {(0, 8), (9, 17)}
+    assert set(anywhere.origin.tolist()) == set(range(18)) - {8, 17}
+    # nobody is sent to the other part
+    assert (anywhere.origin // 9 == anywhere.destination // 9).all()
+
+
+def test_destinations_are_a_node_of_each_part() -> None:
+    assert destinations((9,), 1).tolist() == [[8]]
+    assert destinations((9, 16), 1).tolist() == [[8, 24]]
+    ends = destinations((9, 16), 5)
+    assert ends.shape == (5, 2)
+    assert ends[0].tolist() == [8, 24]  # the scenario's own come first
+    assert len(set(ends.ravel().tolist())) == 10
+    assert set(ends[:, 0].tolist()) <= set(range(1, 9))  # never the first node, where walks begin
+    assert set(ends[:, 1].tolist()) <= set(range(10, 25))
+    # all that there are, and fewer are the first of them
+    assert sorted(destinations((9,), 8).ravel().tolist()) == list(range(1, 9))
+    assert destinations((9,), 3).tolist() == destinations((9,), 8)[:3].tolist()
+
+
+@pytest.mark.parametrize("goals", [0, -1, 9])
+def test_there_are_not_that_many_destinations(goals: int) -> None:
+    with pytest.raises(ScenarioError, match=f"between 1 and 8 destinations, not {goals}"):
+        destinations((9, 16), goals)
+
+
+def test_samplers_for_several_destinations(place, params_of_test) -> None:
+    ends = destinations(place.parts, 3)
+    draws = jnp.asarray(np.random.default_rng(0).random((500, 4)), jnp.float32)
+    samplers = [sampler(small(), place, params_of_test, 4, goals=ends, anywhere=where) for where in (False, True)]
+    assert jax.tree.map(jnp.shape, samplers[0]) == jax.tree.map(jnp.shape, samplers[1])
+    here, anywhere = (jax.vmap(one.sample)(draws) for one in samplers)
+    for drawn in (here, anywhere):
+        assert set(drawn.destination.tolist()) == set(ends.ravel().tolist())
+        assert (drawn.origin != drawn.destination).all()
+        # crowd c is for destination c modulo 3
+        assert (ends[np.asarray(drawn.crowd) % 3, 0] == drawn.destination).all()
+        assert set(drawn.crowd.tolist()) == {0, 1, 2, 3}
+    assert set(here.origin.tolist()) == {0}
+    assert set(anywhere.origin.tolist()) == set(range(9))
+
+
+# --- Futures of training and of tests -------------------------------------------------------------------------------
+
+
+def futures(params: EnvParams) -> set[float]:
+    """One number of each future that tells it from all others."""
+    return set(np.asarray(params.crowds.speed)[:, 0, -1].tolist())
+
+
+def test_no_future_of_a_test_is_one_of_training(place) -> None:
+    tests = [make_environment(small(), place, "test", 4, part=part) for part in range(3)]
+    params = make_environment(small(), place, "learn", 4)
+    learns = [params]
+    for number in (1, 2):
+        params = renew_crowds(small(), place, params, number, 2, 2 * (number - 1))
+        learns.append(params)
+    tested, learned = (set().union(*map(futures, many)) for many in (tests, learns))
+    assert len(tested) == 12  # parts have futures of their own
+    assert len(learned) == 8  # and renewals bring new ones
+    assert not tested & learned
+    assert futures(tests[0]) == futures(make_environment(small(), place, "test", 4))
+
+
+@pytest.mark.parametrize("first", [0, 2, 4])
+def test_renewing_replaces_these_crowds_and_no_others(first: int) -> None:
+    rush = tiny_unseen(horizon=1500.0)
+    place = draw_map(rush, 0)
+    before = make_environment(rush, place, "learn", 6, level="live")
+    after = renew_crowds(rush, place, before, 1, 2, first)
+    fresh = np.isin(np.arange(6), [first, first + 1])
+    for old, new in zip(*map(jax.tree.leaves, ((before.crowds, before.live), (after.crowds, after.live))), strict=True):
+        same = (np.asarray(old) == np.asarray(new)).reshape(6, -1)
+        assert same[~fresh].all()
+        assert not same[fresh].all(axis=1).any()
+    assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), before.expected, after.expected))
+    assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), before.usual, after.usual))
+    # another renewal, other crowds; the same again, the same
+    assert futures(renew_crowds(rush, place, before, 2, 2, first)) != futures(after)
+    assert futures(renew_crowds(rush, place, before, 1, 2, first)) == futures(after)

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 from sidestep.environment.types import walking_speeds
 from sidestep.flow.field import FlowField
 from sidestep.network.graph import road_network
-from sidestep.scenarios import LAWS
+from sidestep.scenarios.catalogue import LAWS
 from sidestep.travel_time import (
     CROSSING_RULES,
     Aoki,

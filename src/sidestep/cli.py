@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
     from cyclopts import Token
 
-    from sidestep.scenarios import Scenario
+    from sidestep.agent.config import TrainConfig
+    from sidestep.environment.types import Seen
+    from sidestep.scenarios.catalogue import Scenario
 
 INTERRUPTED, BAD_INPUT = 130, 2
 SAVE_EVERY = 2.0  # seconds of training between checkpoints
@@ -48,7 +50,23 @@ Seed = Annotated[int, Whole(help="Seed of maps, crowds and training.")]
 Json = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON instead of tables.")]
 Out = Annotated[Path, Parameter(help="Folder for what is written; made if it is not there.")]
 Workers = Annotated[int | None, Whole(help="Maps at a time; by default one for each processor.")]
-Preset = Annotated[Literal["default", "paper"], Parameter(help="How the agent learns.")]
+PresetOption = Annotated[
+    Literal["default", "paper", "dqn", "tabular-q"],
+    Parameter(
+        name="--preset",
+        help="How the agent learns: our way, the paper's settings as printed, or as a baseline (no dueling, double or "
+        "priorities; a table).",
+    ),
+]
+LevelOption = Annotated[
+    Literal["position", "local", "map", "live"] | None,
+    Parameter(name="--level", help="What the agent sees; by default what the scenario says."),
+]
+Models = Annotated[
+    list[Path] | None,
+    Parameter(name="--model", negative=(), help="Folder of a trained model; may be given several times."),
+]
+By = Annotated[float | None, Parameter(name="--by", help="Minutes: how likely is it to arrive within them?")]
 FlowsOption = Annotated[
     Literal["arima", "forecast"] | None,
     Parameter(name="--flows", help="Crowds with the model's noise, or its forecast."),
@@ -124,15 +142,24 @@ def reproduce(
 
 @app.command
 def train(
-    scenario: Annotated[str, Parameter(help="Name of a scenario, such as paper-congested.")],
+    scenario: Annotated[str, Parameter(help="Name of a scenario, such as rush-16.")],
     /,
     *,
-    preset: Preset = "default",
+    level: LevelOption = None,
+    preset: PresetOption = "default",
     index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
     rounds: Annotated[int | None, Whole(help="Rounds of training.")] = None,
+    destinations: Annotated[
+        int | None, Whole(help="Destinations to learn: the scenario's own, and others drawn from all crossings.")
+    ] = None,
     gamma: Annotated[float | None, Parameter(help="Discount factor.")] = None,
+    n_step: Annotated[int | None, Whole(help="Steps of each return.")] = None,
     alpha: Annotated[float | None, Parameter(help="Prioritisation of the replay; 0 is uniform.")] = None,
     double: Annotated[bool | None, Parameter(help="Double Q-learning.")] = None,
+    dueling: Annotated[bool | None, Parameter(help="Value and advantage apart.")] = None,
+    potential: Annotated[
+        bool | None, Parameter(help="Correct the level's own estimate of the time to go, or learn all from nothing.")
+    ] = None,
     flows: FlowsOption = None,
     rule: RuleOption = None,
     law: LawOption = None,
@@ -143,23 +170,29 @@ def train(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Train an agent on one map of a scenario."""
+    """Train an agent on one map of a scenario, or on many where the scenario says so."""
     _at_least("seed", seed, 0)
     _at_least("map", index, 0)
     if resume and out is None:
         raise SidestepError("--resume needs --out, the folder of the model to go on with")
     _start_jax()
     from sidestep.agent import checkpoint
-    from sidestep.agent.config import PRESETS, changed
+    from sidestep.agent.config import changed
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
-    from sidestep.scenarios import draw_map
+    from sidestep.scenarios.maps import draw_training_map
 
     problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
-    config = changed(PRESETS[preset], rounds=rounds, gamma=gamma, alpha=alpha, double=double)
+    config = changed(
+        _config(problem, preset, level),
+        rounds=rounds, goals=destinations, gamma=gamma, n_step=n_step, alpha=alpha, double=double, dueling=dueling,
+        potential=potential,
+    )  # fmt: skip
     state, curve = None, []
     if resume and out is not None:
         run = checkpoint.load(out)
+        if run.config.level != config.level:
+            raise SidestepError(f"the model in {out} is of level {run.config.level}, not {config.level}")
         if (run.scenario, run.seed, run.index, run.config) != (problem, seed, index, config):
             raise SidestepError(
                 f"the model in {out} is of another scenario, map, seed or configuration; it cannot go on"
@@ -167,27 +200,33 @@ def train(
         state, curve = run.state, list(run.curve)
     if out is not None:
         output_folder(out)
-    began, before, saved = perf_counter(), len(curve), -math.inf
+    began, before, saved, first = perf_counter(), len(curve), -math.inf, math.inf
     with console.progress(
-        f"training on {scenario}, map {index}", config.rounds - before, config.round_steps, "steps"
+        f"training on {scenario}, map {index}", config.rounds - before, config.round_steps, "transitions"
     ) as advance:
-        for now, report in rounds_of(config, problem, draw_map(problem, seed, index), state):
+        for now, report in rounds_of(config, problem, draw_training_map(problem, seed, index), state):
+            first = min(first, perf_counter())
             curve.append(tuple(report.test_minutes.tolist()))
             run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), now)
             if out is not None and (len(curve) == config.rounds or perf_counter() - saved > SAVE_EVERY):
                 checkpoint.save(run, out)
                 saved = perf_counter()
             advance(f"greedy walk {report.test_minutes.mean():.0f} min")
-    seconds = perf_counter() - began
+    ended = perf_counter()
     if len(curve) == before:
         raise SidestepError(f"the model in {out} has been trained to the end, {before} rounds")
+    # The first round is left out of the rates, since it waits for the compiler.
+    done = len(curve) - before
+    rate = (done - 1) / (ended - first) if done > 1 else 1 / (ended - began)
     summary = {
         "scenario": asdict(problem),
         "seed": seed,
         "map": index,
+        "level": config.level,
         "config": asdict(config),
-        "seconds": seconds,
-        "steps_per_second": (len(curve) - before) * config.round_steps / seconds,
+        "seconds": ended - began,
+        "steps_per_second": rate * config.round_steps,
+        "updates_per_second": rate * config.iterations,
         "curve_minutes": [sum(walks) / len(walks) for walks in curve],
         "best_minutes": float(run.state.best_minutes),
         "model": None if out is None else str(out),
@@ -196,21 +235,33 @@ def train(
         print(json.dumps(summary, indent=2))
         return
     means = summary["curve_minutes"]
-    print(f"{scenario}, map {index}: {len(curve)} rounds of {config.round_steps:,} steps in {seconds:.1f} s")
+    print(
+        f"{scenario}, map {index}, level {config.level}: {len(curve)} rounds of {config.round_steps:,} transitions in "
+        f"{summary['seconds']:.1f} s ({summary['steps_per_second']:,.0f} transitions/s, "
+        f"{summary['updates_per_second']:,.0f} updates/s)"
+    )
     print(f"greedy test walks: {means[0]:.1f} min after the first round, {means[-1]:.1f} after the last, ", end="")  # type: ignore[index]
     print(f"{summary['best_minutes']:.1f} at best" + ("" if out is None else f"; model: {out}"))
 
 
 @app.command
 def compare(
-    scenario: Annotated[str, Parameter(help="Name of a scenario, such as paper-congested.")],
+    scenario: Annotated[str, Parameter(help="Name of a scenario, such as rush-16.")],
     /,
     *,
-    planners: Annotated[str | None, Parameter(help="Planners with commas between; by default all of them.")] = None,
-    maps: Annotated[int, Whole(help="Number of maps.")] = 10,
-    walks: Annotated[int, Whole(help="Walks on each map.")] = 20,
-    preset: Preset = "default",
-    model: Annotated[Path | None, Parameter(help="Folder of a trained model: compare on its map only.")] = None,
+    planners: Annotated[
+        str | None, Parameter(help="Planners with commas between; by default all but baselines that learn.")
+    ] = None,
+    maps: Annotated[int | None, Whole(help="Number of maps; by default what the scenario says.")] = None,
+    walks: Annotated[int | None, Whole(help="Walks on each map; by default what the scenario says.")] = None,
+    level: LevelOption = None,
+    preset: PresetOption = "default",
+    model: Models = None,
+    destinations: Annotated[
+        int | None, Whole(help="Walk from anywhere to so many destinations, instead of corner to corner.")
+    ] = None,
+    by: By = None,
+    against: Annotated[str, Parameter(help="Whom the others' minutes are set against, walk by walk.")] = "expected",
     flows: FlowsOption = None,
     rule: RuleOption = None,
     law: LawOption = None,
@@ -222,45 +273,105 @@ def compare(
 ) -> None:
     """Walk the same maps through the same crowds with every planner."""
     _at_least("seed", seed, 0)
-    _at_least("maps", maps, 1)
-    _at_least("walks", walks, 1)
+    _minutes(by)
     threads = _threads(workers)
     _start_jax()
-    from sidestep.agent import checkpoint
-    from sidestep.agent.config import PRESETS
-    from sidestep.evaluation.compare import BASELINES, choose
+    from sidestep.evaluation.compare import BASELINES, REPLANNING, choose
     from sidestep.evaluation.compare import compare as run
-    from sidestep.planners.darp import Darp, train_darp, trained_darp
+    from sidestep.planners.darp import load_planners, trainable
+    from sidestep.scenarios.maps import draw_map
 
     problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
-    if model is None:
-        numbers = list(range(maps))
-        every = {**BASELINES, Darp.name: lambda place, _: train_darp(PRESETS[preset], problem, place)}
+    numbers = list(range(_at_least("maps", problem.maps if maps is None else maps, 1)))
+    count = _at_least("walks", problem.walks if walks is None else walks, 1)
+    if model:
+        learned = load_planners(model, problem, seed, level)
+        if learned.index is not None:
+            numbers = [learned.index]
+        learned.check_destinations(draw_map(problem, seed, numbers[0]), destinations or 1)
+        every = {**BASELINES, **REPLANNING, **learned.factories}
+        names = list(every)
     else:
-        trained = checkpoint.load(model)
-        if trained.scenario != problem or trained.seed != seed:
-            raise SidestepError(
-                f"the model in {model} was trained on {trained.scenario.name} with seed {trained.seed} and its own "
-                f"settings; this is {problem.name} with seed {seed}, or other settings"
-            )
-        numbers = [trained.index]
-        every = {**BASELINES, Darp.name: lambda *_: trained_darp(trained)}
-    names = list(every) if planners is None else [name.strip() for name in planners.split(",")]
-    chosen = choose(names, every)
+        every = {**BASELINES, **REPLANNING, **trainable(problem, seed, level or problem.level, preset)}
+        names = [*BASELINES, *REPLANNING, "darp"]
+    if planners is not None:
+        names = [name.strip() for name in planners.split(",")]
+    chosen = choose([*names, against], every)
     with console.progress("comparing", len(numbers), 1, "maps") as advance:
         compared = run(
             problem,
             chosen,
             maps=numbers,
-            walks=walks,
+            walks=count,
             seed=seed,
             workers=threads,
+            destinations=destinations,
             on_map=lambda index, _: advance(f"map {index}"),
         )
     if as_json:
-        print(json.dumps(compared.as_json(), indent=2))
+        print(json.dumps(compared.as_json(by, against), indent=2))
     else:
-        console.show_results(compared.as_json())
+        console.show_results(compared.as_json(by, against))
+
+
+@app.command
+def route(
+    scenario: Annotated[str, Parameter(help="Name of a scenario, such as rush-16.")],
+    /,
+    *,
+    origin: Annotated[int | None, Whole(name="--from", help="Node; by default the scenario's.")] = None,
+    destination: Annotated[int | None, Whole(name="--to", help="Node; by default the scenario's.")] = None,
+    depart: Annotated[float, Parameter(help="Minutes after the scenario's start.")] = 0.0,
+    planner: Annotated[str | None, Parameter(help="Who plans; by default expected, or darp with --model.")] = None,
+    model: Annotated[Path | None, Parameter(help="Folder of a trained model, for the planner darp.")] = None,
+    by: By = None,
+    futures: Annotated[int, Whole(help="Simulated futures.")] = 200,
+    index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
+    flows: FlowsOption = None,
+    rule: RuleOption = None,
+    law: LawOption = None,
+    side: Side = None,
+    crowded_nodes: Crowded = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Plan one walk, and say how long it may take."""
+    _at_least("seed", seed, 0)
+    _at_least("map", index, 0)
+    _at_least("futures", futures, 1)
+    _minutes(by)
+    if not math.isfinite(depart):
+        raise SidestepError(f"--depart must be a number of minutes, not {depart}")
+    _start_jax()
+    from sidestep.evaluation.compare import BASELINES, REPLANNING, PlannerError
+    from sidestep.evaluation.foresight import foresee
+    from sidestep.planners.darp import load_planners
+    from sidestep.scenarios.maps import draw_map
+
+    problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
+    place = draw_map(problem, seed, index)
+    end = place.network.nodes - 1 if destination is None else destination
+    every = {**BASELINES, **REPLANNING}
+    if model is not None:
+        learned = load_planners([model], problem, seed)
+        if learned.index not in (None, index):
+            raise SidestepError(f"the model in {model} remembers map {learned.index}, not {index}")
+        learned.check_destination(end)
+        every |= learned.factories
+    name = planner or ("expected" if model is None else "darp")
+    if name not in every:
+        hint = "; darp needs --model" if name == "darp" else ""
+        raise PlannerError(f"unknown planner {name!r}; there are {', '.join(every)}{hint}")
+    who = every[name](place, index)
+    if who is None:
+        raise PlannerError(f"{name} does not walk map {index}")
+    found = foresee(
+        problem, place, who, origin=origin or 0, destination=end, departure=60 * depart, futures=futures
+    ).as_json(by)
+    if as_json:
+        print(json.dumps(found, indent=2))
+    else:
+        console.show_walk(found)
 
 
 @app.command
@@ -329,14 +440,28 @@ def _start_jax() -> None:
 
 
 def _scenario(name: str, **changes: object) -> "Scenario":
-    from sidestep.scenarios import scenario
+    from sidestep.scenarios.catalogue import scenario
 
     return scenario(name, **{field: value for field, value in changes.items() if value is not None})
 
 
-def _at_least(name: str, value: int, least: int) -> None:
+def _config(
+    problem: "Scenario", name: 'Literal["default", "paper", "dqn", "tabular-q"]', level: "Seen | None"
+) -> "TrainConfig":
+    from sidestep.agent.config import preset
+
+    return preset(name, level or problem.level, several_maps=bool(problem.training_maps), nodes=problem.side**2)
+
+
+def _at_least(name: str, value: int, least: int) -> int:
     if value < least:
         raise SidestepError(f"--{name} must be at least {least}, not {value}")
+    return value
+
+
+def _minutes(by: float | None) -> None:
+    if by is not None and not (math.isfinite(by) and by > 0):
+        raise SidestepError(f"--by must be a positive number of minutes, not {by}")
 
 
 def _threads(workers: int | None) -> int:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from sidestep.evaluation.compare import Results
+    from sidestep.evaluation.foresight import PlannedWalk
     from sidestep.flow.summary import CountSummary
 
 WIDTH = 160  # where the output is no terminal
@@ -20,15 +21,49 @@ def show_results(results: "Results") -> None:
     """Print a comparison as a table."""
     from sidestep.evaluation.metrics import cells
 
+    only = " (forecasts only)" if results["flows"] == "forecast" else ""
     title = (
-        f"{results['scenario']} ({results['flows']} flows): {results['maps']} map{'s' * (results['maps'] > 1)}, "
+        f"{results['scenario']}{only}: {results['maps']} map{'s' * (results['maps'] > 1)}, "
         f"{results['walks']} walks each, seed {results['seed']}"
     )
-    columns = ("planner", "knows", ">minutes", ">95 %", ">saved", ">regret", ">95 %", ">arrive", ">µs/decision")
-    table = _table(*columns, title=title)
+    by = results["by_minutes"]
+    headings = {
+        "planner": "planner",
+        "knows": "knows",
+        "minutes": ">minutes",
+        "median": ">median",
+        "90 %": ">90 % in",
+        "in time": f">within {by:g}" if by else "",
+        "saved": ">saved",
+        "difference": f">over {results['rival']}",
+        "difference 95 %": ">95 %",
+        "regret": ">regret",
+        "arrive": ">arrive",
+        "µs a decision": ">µs/decision",
+    }
+    shown = {column: heading for column, heading in headings.items() if heading}
+    table = _table(*shown.values(), title=title)
     for name, row in results["planners"].items():
-        table.add_row(*(text for column, text in cells(name, row, results["maps"]).items() if column != "best map"))
+        table.add_row(*cells(name, row, results["maps"], shown).values())
     _print(table)
+
+
+def show_walk(walk: "PlannedWalk") -> None:
+    """Print a planned walk."""
+    nodes = walk["nodes"]
+    print(f"{walk['planner']} ({walk['level']}), if crowds are as expected:")
+    table = _table(">node", ">minutes", title="")
+    for node, minutes in zip(nodes, walk["minutes"], strict=True):
+        table.add_row(str(node), f"{minutes:.1f}")
+    _print(table)
+    end = "" if walk["arrives"] else " without arriving"
+    print(f"{len(nodes) - 1} streets, {walk['metres']:,.0f} m, {walk['expected_minutes']:.1f} min{end}")
+    print(
+        f"In {walk['futures']} simulated futures: median {walk['median_minutes']:.1f} min, 90 % within "
+        f"{walk['p90_minutes']:.1f} min, {100 * walk['arrival_rate']:.1f} % arrive"
+    )
+    if walk["arrive_by"] is not None:
+        print(f"Arrives within {walk['by_minutes']:g} min with probability {walk['arrive_by']:.2f}")
 
 
 def show_counts(summary: "CountSummary", seed: int) -> None:

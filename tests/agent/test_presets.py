@@ -5,13 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sidestep.agent.config import PRESETS, TrainConfigError, changed
+from sidestep.agent.config import PRESETS, TrainConfig, TrainConfigError, changed, preset
+from sidestep.environment.types import LEVELS
 from sidestep.environment.walk import Walk
 from sidestep.planners.base import Planner, walk_plan
 from sidestep.planners.darp import train_darp
 from sidestep.planners.search import Clairvoyant
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import BUILT_IN, draw_map, instances, make_environment, purpose_key, scenario
+from sidestep.scenarios.catalogue import BUILT_IN, scenario
+from sidestep.scenarios.maps import draw_map, purpose_key
+from sidestep.scenarios.worlds import instances, make_environment
 
 
 def test_the_paper_preset_is_the_papers_numbers() -> None:
@@ -32,8 +35,10 @@ def test_the_paper_preset_is_the_papers_numbers() -> None:
     assert paper.unit == 1
     assert paper.random_origins == 0
     assert paper.keep == "last"
-    # Prioritised, as the text says.
+    # Prioritised, as the text says, with dueling heads; single steps to one destination.
     assert paper.alpha > 0
+    assert (paper.level, paper.table, paper.dueling) == ("position", False, True)
+    assert (paper.n_step, paper.goals, paper.test_walks, paper.fresh_crowds) == (1, 1, 10, 0)
 
 
 @pytest.mark.parametrize("name", ["paper-unblocked", "paper-congested"])
@@ -44,12 +49,80 @@ def test_the_papers_reward(name: str) -> None:
     assert reward.unit_seconds == 60
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_presets_fit_together(name: str) -> None:
-    config = PRESETS[name]
+CONFIGS = {
+    **PRESETS,
+    **{f"{name}-{level}": preset(name, level) for name in ("default", "dqn") for level in LEVELS},
+    **{f"maps-{level}": preset("default", level, several_maps=True) for level in LEVELS if level != "position"},
+    "live-large": preset("default", "live", nodes=1024),
+}
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
+def test_presets_fit_together(config: TrainConfig) -> None:
     assert config.capacity % config.walkers == 0  # or the replay refuses them
     assert config.round_steps % config.walkers == 0  # or a round is shorter than it says
     assert hash(config) == hash(dataclasses.replace(config))  # a static argument of compiled functions
+    assert config.batch <= config.capacity
+    assert config.n_step <= config.iterations
+    # All crowds are replaced in turn, each as often as the others.
+    assert config.fresh_crowds == 0 or config.crowds % config.fresh_crowds == 0
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_the_default_of_a_level_sees_that_level(level: str) -> None:
+    config = preset("default", level)
+    assert config.level == level
+    assert (config.dueling, config.double, config.potential, config.table) == (True, True, True, False)
+    # The baseline differs from it in three settings, and in no other.
+    dqn = preset("dqn", level)
+    assert (dqn.dueling, dqn.double, dqn.alpha) == (False, False, 0)
+    assert dataclasses.replace(dqn, dueling=True, double=True, alpha=config.alpha) == config
+
+
+def test_presets_by_name() -> None:
+    assert {name: preset(name) for name in PRESETS} == PRESETS
+    assert list(PRESETS) == ["paper", "default", "dqn", "tabular-q"]
+
+
+@pytest.mark.parametrize("level", ["local", "map", "live"])
+def test_nothing_is_remembered_of_places_where_several_maps_are_learned(level: str) -> None:
+    one, several = preset("default", level), preset("default", level, several_maps=True)
+    assert several.places == 0
+    assert several.goals > 1
+    assert (one.places > 0) == (level != "live")
+    assert (several.level, several.n_step) == (level, one.n_step)
+
+
+@pytest.mark.parametrize("level", ["local", "map", "live"])
+@pytest.mark.parametrize("name", ["paper", "tabular-q"])
+def test_what_knows_positions_alone_is_refused_beyond(name: str, level: str) -> None:
+    with pytest.raises(TrainConfigError, match=f"the preset {name} knows the walker's position alone; .*{level}"):
+        preset(name, level)
+
+
+@pytest.mark.parametrize("name", ["default", "dqn"])
+def test_positions_mean_nothing_on_other_maps(name: str) -> None:
+    with pytest.raises(TrainConfigError, match="coordinates mean nothing on maps that were never walked"):
+        preset(name, "position", several_maps=True)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_forecasts_of_large_maps_are_few(level: str) -> None:
+    small, large = (preset("default", level, nodes=nodes) for nodes in (256, 1024))
+    assert small == preset("default", level)
+    assert (large == small) == (level != "live")
+    assert large.crowds <= small.crowds
+    assert preset("dqn", level, nodes=1024).crowds == large.crowds
+
+
+def test_a_table_never_overshoots() -> None:
+    table = PRESETS["tabular-q"]
+    # The mean over 64 squared errors has a gradient of 2 / 64 of each: .5 * 2 / 64 = 1 / 64, so 64 of one number are 1.
+    assert (table.table, table.optimiser, table.unit, table.target_rate) == (True, "sgd", 1, 1)
+    assert table.learning_rate * 2 == pytest.approx(1)
+    assert table.learning_rate_end * 2 == pytest.approx(0.01)
+    # from the steps that were just made, one each
+    assert table.batch == table.capacity == table.walkers
 
 
 @pytest.mark.parametrize(
@@ -61,11 +134,48 @@ def test_presets_fit_together(name: str) -> None:
         ({"epsilon": float("nan")}, "epsilon must lie between 0 and 1, not nan"),
         ({"round_steps": 100}, "round_steps must be a multiple of the 64 walkers, not 100"),
         ({"capacity": 20_000}, "capacity must be a multiple of the 64 walkers, not 20000"),
+        ({"n_step": 0}, "n_step must be at least 1, not 0"),
+        ({"n_step": 41}, "n_step must be at most the 40 iterations of a round, not 41"),
+        ({"goals": 0}, "goals must be at least 1, not 0"),
+        ({"crowds": 0}, "crowds must be at least 1, not 0"),
+        ({"test_walks": 0}, "test_walks must be at least 1, not 0"),
+        ({"epsilon_share": 0.0}, "epsilon_share must lie above 0 and up to 1, not 0"),
+        ({"random_origins": 1.1}, "random_origins must lie between 0 and 1, not 1.1"),
+        ({"fresh_crowds": 10}, "fresh_crowds must divide the 64 crowds, so 10 will not do"),
+        ({"fresh_crowds": 128}, "fresh_crowds must divide the 64 crowds, so 128 will not do"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(setting: dict[str, float], message: str) -> None:
     with pytest.raises(TrainConfigError, match=message):
         changed(PRESETS["default"], **setting)
+
+
+@pytest.mark.parametrize(
+    ("setting", "fits"),
+    [
+        # Crowd c is for goal c modulo goals: of 48 crowds with 2 fresh ones, 5 goals or 4 would get mixed up.
+        ({"goals": 2}, True),
+        ({"goals": 4, "fresh_crowds": 4}, True),
+        ({"goals": 4}, False),
+        ({"goals": 5}, False),
+        ({"goals": 3, "fresh_crowds": 0}, True),
+    ],
+)
+def test_at_level_live_goals_divide_the_crowds(setting: dict[str, float], fits: bool) -> None:
+    live = changed(preset("default", "live"), crowds=48, fresh_crowds=2)
+    if fits:
+        assert changed(live, **setting).goals == setting["goals"]
+        return
+    with pytest.raises(
+        TrainConfigError, match="at level live goals must divide the 48 crowds and the 2 fresh ones, so"
+    ):
+        changed(live, **setting)
+    # at the other levels what is known is the same for all crowds
+    assert changed(preset("default", "map"), **setting).goals == setting["goals"]
+
+
+def test_a_whole_round_may_be_one_return() -> None:
+    assert changed(PRESETS["default"], n_step=40).n_step == PRESETS["default"].iterations
 
 
 def test_changed_leaves_what_is_none() -> None:
@@ -80,7 +190,7 @@ def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> No
     darp = train_darp(PRESETS["default"], problem, place, lambda number, _: rounds.append(number))
     assert rounds == list(range(1, PRESETS["default"].rounds + 1))
     params = make_environment(problem, place, "test", 1)
-    todo = instances(problem, params, 1)
+    todo = instances(problem, place, params, 1)
 
     def walk(planner: Planner) -> Walk:
         return walk_plan(planner, params, planner.plan(params, todo), todo, purpose_key(place, "test"))

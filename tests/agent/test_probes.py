@@ -18,7 +18,8 @@ from sidestep.environment.types import EnvParams, Instance, Observation
 from sidestep.flow.arima import load_fitted
 from sidestep.flow.field import ArimaFlow
 from sidestep.network.graph import road_network
-from sidestep.scenarios import CrowdedMap
+from sidestep.scenarios.catalogue import scenario
+from sidestep.scenarios.maps import CrowdedMap
 from sidestep.travel_time import speed_field
 
 METRES = 60.0  # of every street
@@ -51,16 +52,17 @@ def learn(config: TrainConfig, params: EnvParams, destination: int) -> tuple[np.
     """Q-values [node, exit] after training from everywhere, NaN where there is no exit, and the last greedy walks."""
     nodes = params.network.nodes
     anywhere = InstanceSampler(
-        origins=jnp.array([node for node in range(nodes) if node != destination]),
-        destinations=jnp.array([destination]),
+        origins=jnp.array([[node for node in range(nodes) if node != destination]]),
+        destinations=jnp.full((1, nodes - 1), destination),
         departures=jnp.zeros(2),
         crowds=jnp.int32(params.crowds.count),
     )
     walks = [jnp.full(2, number) for number in (0, destination)]
     tests = Instance(*walks, jnp.zeros(2), jnp.array([0, params.crowds.count - 1]))
     # Training takes from a map only its random stream: what it meets is in the environment.
-    place = CrowdedMap(params.network, ArimaFlow(jnp.zeros(params.network.segments), load_fitted()), jax.random.key(0))
-    state = start(config, params, anywhere, place)
+    flow = ArimaFlow(jnp.zeros(params.network.segments), load_fitted())
+    place = CrowdedMap(params.network, flow, jax.random.key(0), (nodes,))
+    state = start(config, scenario("paper-unblocked"), params, anywhere, place)
     for _ in range(config.rounds):
         state, report = train_round(config, params, anywhere, tests, state)
     seen = jax.vmap(Observation)(jnp.arange(nodes), params.network.position, params.network.valid)
@@ -92,6 +94,31 @@ class TestLine:
         # Back from 1 to 0: -4 - .5 + .8 * -9.5 = -12.1.
         np.testing.assert_allclose([q[1, 0], q[0, 0], q[1, 1]], [-7.5, -9.5, -12.1], rtol=0.02)
         np.testing.assert_allclose(report.test_minutes, 13, rtol=1e-4)
+
+
+# The baselines, likewise small, exploring and discounting.
+TABLE = dataclasses.replace(
+    PRESETS["tabular-q"], rounds=4, round_steps=38_400, gamma=0.8, epsilon_end=1.0,
+)  # fmt: skip
+DQN = dataclasses.replace(DEFAULT, dueling=False, double=False, alpha=0.0)
+
+
+@pytest.mark.parametrize(("config", "rtol"), [(TABLE, 1e-4), (DQN, 0.02)], ids=["tabular-q", "dqn"])
+def test_baselines_on_the_line(config: TrainConfig, rtol: float) -> None:
+    q, report = learn(config, probe([0, 1, 2], TestLine.streets), destination=2)
+    # As above; what is beyond the destination is never learned, and means nothing.
+    np.testing.assert_allclose(q[:2], [[-9.5, np.nan], [-7.5, -12.1]], rtol=rtol)
+    np.testing.assert_allclose(report.test_minutes, 13, rtol=1e-4)
+    assert report.test_arrived.all()
+
+
+def test_the_baselines_are_the_presets() -> None:
+    for name, config in (("tabular-q", TABLE), ("dqn", DQN)):
+        has = PRESETS[name]
+        for setting in ("table", "dueling", "double", "alpha", "unit", "target_rate", "target_period", "optimiser"):
+            assert getattr(config, setting) == getattr(has, setting), setting
+    table = PRESETS["tabular-q"]
+    assert TABLE.learning_rate / TABLE.batch == table.learning_rate / table.batch
 
 
 class TestDiamond:

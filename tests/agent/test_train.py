@@ -12,13 +12,16 @@ import numpy as np
 import optax
 import pytest
 
+from sidestep.agent import train as training
 from sidestep.agent.checkpoint import TrainingRun
-from sidestep.agent.config import PRESETS, TrainConfig
+from sidestep.agent.config import PRESETS, TrainConfig, preset
 from sidestep.agent.qnetwork import DuelingQNetwork, Linear
 from sidestep.agent.td import mask
 from sidestep.agent.train import RoundReport, TrainState, Transition, _td_error, optimiser, train
-from sidestep.environment.types import Observation
-from sidestep.scenarios import CrowdedMap, Scenario, draw_map, scenario
+from sidestep.environment.types import EnvParams, Observation, RewardWeights
+from sidestep.scenarios.catalogue import Scenario, scenario
+from sidestep.scenarios.maps import CrowdedMap, draw_map
+from sidestep.scenarios.worlds import new_crowds, put_crowds
 
 # --- The optimiser --------------------------------------------------------------------------------------------------
 
@@ -316,3 +319,148 @@ def test_resumed_training_is_the_same_to_the_bit(
 
 def test_a_finished_run_does_not_go_on(states: list[TrainState], problem: Scenario, place: CrowdedMap) -> None:
     assert list(train(SMALL, problem, place, on_device(states[-1]))) == []
+
+
+# --- Returns of several steps ---------------------------------------------------------------------------------------
+
+# Everybody steps at random, so that a run does the same whatever it learns; the replay is large enough for all of it.
+STROLL = dataclasses.replace(
+    SMALL, rounds=3, round_steps=640, walkers=64, capacity=64 * 30, epsilon_end=1.0, random_origins=0.0
+)
+STEPS = 30
+
+
+@pytest.fixture(scope="module")
+def strolls() -> dict[int, Transition]:
+    """What the replay holds, [iteration, walker], after the same walks with returns of one and of three steps."""
+    # A reward is minus the minutes that a step takes, and nothing else.
+    minutes = scenario(
+        "paper-congested", side=3, crowded_nodes=1, horizon=3600.0, reward=RewardWeights(progress=0.0, bonus=0.0)
+    )
+    held = {}
+    for n_step in (1, 3):
+        config = dataclasses.replace(STROLL, n_step=n_step)
+        *_, (state, _) = follow_training(train(config, minutes, draw_map(minutes, seed=6)))
+        held[n_step] = jax.tree.map(lambda leaf: leaf.reshape(STEPS, 64, *leaf.shape[1:]), state.replay.items)
+    return held
+
+
+def walks_that_end(one: Transition) -> tuple[np.ndarray, np.ndarray]:
+    """Which steps arrived, and which were cut off: by then the walk's steps took an hour."""
+    arrived = one.discount_t == 0
+    cut = np.zeros_like(arrived)
+    minutes = np.zeros(64)
+    for t in range(STEPS):
+        minutes -= one.r_t[t]
+        cut[t] = ~arrived[t] & (minutes >= 60)
+        minutes[arrived[t] | cut[t]] = 0
+    return arrived, cut
+
+
+def test_a_return_of_three_steps_is_the_sum_of_three_rewards(strolls: dict[int, Transition]) -> None:
+    one, three = strolls[1], strolls[3]
+    arrived, cut = walks_that_end(one)
+    lengths = np.zeros((STEPS, 64), int)
+    # What iteration t hands on began two iterations before.
+    for t in range(2, STEPS):
+        for walker in range(64):
+            total, discount = 0.0, 1.0
+            for at in (t - 2, t - 1, t):
+                total += discount * float(one.r_t[at, walker])
+                discount *= 0.9
+                lengths[t, walker] += 1
+                if arrived[at, walker] or cut[at, walker]:
+                    break
+            # After an arrival nothing comes, after a walk that is cut off as much as after any other step.
+            discount *= not arrived[at, walker]
+            assert three.r_t[t, walker] == pytest.approx(total, rel=1e-5)
+            assert three.discount_t[t, walker] == pytest.approx(discount, rel=1e-5)
+            assert three.a_tm1[t, walker] == one.a_tm1[t - 2, walker]
+            assert three.observation_tm1.node[t, walker] == one.observation_tm1.node[t - 2, walker]
+            assert three.observation_t.node[t, walker] == one.observation_t.node[at, walker]
+            assert (three.observation_t.position[t, walker] == one.observation_t.position[at, walker]).all()
+    # Walks arrived and were cut off within the three steps, and at the last of them.
+    for ends in (arrived, cut):
+        assert set(lengths[2:][ends[:-2]]) == {1}
+        assert {2, 3} & set(lengths[2:][ends[1:-1]])
+        assert 3 in lengths[2:][ends[2:]]
+    assert set(lengths[2:].ravel()) == {1, 2, 3}
+
+
+def test_discounts_by_hand(strolls: dict[int, Transition]) -> None:
+    # .9 after one step of a walk that is cut off, .81 after two, .729 after three; 0 after an arrival.
+    found = np.unique(strolls[3].discount_t[2:].round(6))
+    np.testing.assert_allclose(found, [0, 0.729, 0.81, 0.9], rtol=1e-5)
+    np.testing.assert_allclose(np.unique(strolls[1].discount_t.round(6)), [0, 0.9], rtol=1e-5)
+
+
+def test_until_three_steps_are_made_single_ones_are_handed_on(strolls: dict[int, Transition]) -> None:
+    for one, three in zip(*(jax.tree.leaves(strolls[n]) for n in (1, 3)), strict=True):
+        np.testing.assert_array_equal(one[:2], three[:2])
+
+
+# --- Fresh crowds, and the level local ------------------------------------------------------------------------------
+
+LOCAL = dataclasses.replace(
+    preset("default", "local"), rounds=6, round_steps=64, walkers=16, batch=16, capacity=64, hidden=(8,), places=2,
+    n_step=3, crowds=4, fresh_crowds=2, test_walks=2,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def refreshed(problem: Scenario, place: CrowdedMap) -> list[tuple[TrainState, RoundReport]]:
+    return follow_training(train(LOCAL, problem, place))
+
+
+@pytest.mark.parametrize(
+    ("rounds", "renewals"),
+    [
+        # Two of the four crowds after every round, in turn: number 1 replaces crowds 2 and 3, number 2 0 and 1, …
+        (0, [(1, 2), (2, 0), (3, 2), (4, 0), (5, 2)]),
+        (1, [(1, 2), (2, 0), (3, 2), (4, 0), (5, 2)]),
+        (2, [(1, 2), (2, 0), (3, 2), (4, 0), (5, 2)]),
+        # Number 3 has replaced what number 1 brought.
+        (4, [(3, 2), (4, 0), (5, 2)]),
+        (5, [(4, 0), (5, 2)]),
+    ],
+)
+def test_with_fresh_crowds_and_returns_of_several_steps_training_resumes_to_the_bit(
+    refreshed: list[tuple[TrainState, RoundReport]],
+    problem: Scenario,
+    place: CrowdedMap,
+    monkeypatch: pytest.MonkeyPatch,
+    rounds: int,
+    renewals: list[tuple[int, int]],
+) -> None:
+    drawn, put = [], []
+
+    def draw(*args: Any, crowds: int) -> Any:
+        assert crowds == 2
+        drawn.append(args[3])
+        return new_crowds(*args, crowds=crowds)
+
+    def replace(params: EnvParams, futures: Any, first: jax.Array) -> EnvParams:
+        put.append(int(first))
+        return put_crowds(params, futures, first)
+
+    monkeypatch.setattr(training, "new_crowds", draw)
+    monkeypatch.setattr(training, "put_crowds", replace)
+    state = on_device(refreshed[rounds - 1][0]) if rounds else None
+    resumed = follow_training(train(LOCAL, problem, place, state))
+    assert list(zip(drawn, put, strict=False)) == renewals
+    assert len(resumed) == 6 - rounds
+    for one, other in zip(resumed, refreshed[rounds:], strict=True):
+        assert eqx.tree_equal(one, other)
+
+
+def test_fresh_crowds_are_met(
+    refreshed: list[tuple[TrainState, RoundReport]],
+    problem: Scenario,
+    place: CrowdedMap,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(training, "put_crowds", lambda params, _futures, _first: params)
+    stale = follow_training(islice(train(LOCAL, problem, place), 2))
+    assert eqx.tree_equal(refreshed[0], stale[0])
+    # From the second round on walkers meet others.
+    assert not eqx.tree_equal(refreshed[1][0].replay.items.r_t, stale[1][0].replay.items.r_t)

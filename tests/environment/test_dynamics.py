@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from sidestep.environment.dynamics import existing_exit, observe, random_exit, reset, step
-from sidestep.environment.types import EnvParams, EnvState, Instance, Outcome, RewardWeights, one_crowd
+from sidestep.environment.dynamics import existing_exit, random_exit, reset, step
+from sidestep.environment.observation import observe
+from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Outcome, RewardWeights, one_crowd
 from sidestep.travel_time import crossing_time, speed_field
 
 
@@ -38,6 +39,7 @@ def busy(make_busy) -> EnvParams:
 def test_reset(steady, make_instance) -> None:
     state, seen = reset(steady, make_instance(origin=1, departure=70.0))
     assert (int(state.node), float(state.clock)) == (1, 70)
+    assert state.trail.tolist() == [-1] * TRAIL
     assert (int(seen.node), seen.position.tolist(), seen.valid.tolist()) == (1, [100, 100], [True, True])
 
 
@@ -50,6 +52,15 @@ def test_a_step_moves_in_space_and_time(steady, make_instance) -> None:
     # the other way: 150 m down, then exit 0 of node 2 for 250 m
     state, outcome = take(steady, make_instance(departure=50.0), 1, 0)
     assert (int(state.node), float(state.clock), float(outcome.seconds)) == (3, 450, 250)
+
+
+def test_the_trail_is_what_was_left_the_latest_first(steady, make_instance) -> None:
+    # 0 > 1 > 0 > 2 > 0 > ...: exits 0 and 1 of node 0 lead to 1 and 2, and both have a way back as exit 1
+    state, _ = take(steady, make_instance(), 0, 1, 1, 1)
+    assert state.trail.tolist() == [2, 0, 1, 0] + [-1] * (TRAIL - 4)
+    # no more than the last ones are remembered: after ten steps, the nodes left at steps 10 to 3
+    state, _ = take(steady, make_instance(), *[0, 1, 1, 1] * 2, 0, 1)
+    assert state.trail.tolist() == [1, 0, 2, 0, 1, 0, 2, 0][:TRAIL]
 
 
 def test_reward_of_a_step_ahead(steady, make_instance) -> None:
@@ -202,7 +213,7 @@ def batch() -> tuple[EnvState, jax.Array]:
     node, action = (jnp.asarray(each.ravel(), jnp.int32) for each in np.mgrid[:9, :4])
     clock = jnp.linspace(0, 1500, 36)
     instance = Instance(node, jnp.full(36, 8, jnp.int32), clock, (node + action) % 2)
-    return jax.vmap(EnvState)(node, clock, instance), action
+    return jax.vmap(EnvState)(node, clock, instance, jnp.full((36, TRAIL), -1)), action
 
 
 def test_jit_and_vmap_agree_with_plain_calls(busy) -> None:

@@ -6,11 +6,14 @@ import jax
 import numpy as np
 import pytest
 
-from sidestep.evaluation.compare import BASELINES, Comparison, PlannerError, choose, compare
-from sidestep.evaluation.metrics import BOUND, REFERENCE
-from sidestep.planners.base import routes
+from sidestep.evaluation import compare as comparing
+from sidestep.evaluation.compare import BASELINES, REPLANNING, Comparison, PlannerError, choose, compare
+from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL
+from sidestep.planners.base import routes, walk_plan
 from sidestep.planners.random_walk import RandomWalk
-from sidestep.scenarios import draw_map, instances, make_environment, scenario
+from sidestep.scenarios.catalogue import scenario
+from sidestep.scenarios.maps import draw_map, purpose_key
+from sidestep.scenarios.worlds import instances, make_environment
 
 # Twelve slots; a random walk often needs more than the hour.
 TINY = scenario("paper-congested", side=3, crowded_nodes=1, horizon=3600.0)
@@ -29,25 +32,46 @@ def found() -> Comparison:
 def test_shape_of_the_json(found, agreed_row) -> None:
     result = found.as_json()
     asked = {"scenario", "maps", "walks", "seed", "planners"}
-    assert result.keys() == asked | {"flows"}
+    assert result.keys() == asked | {"flows", "by_minutes", "rival"}
     assert (result["scenario"], result["maps"], result["walks"], result["seed"]) == ("paper-congested", 2, 3, 0)
-    assert result["flows"] == "arima"
+    assert (result["flows"], result["by_minutes"], result["rival"]) == ("arima", None, "expected")
     assert list(result["planners"]) == ALL
     for row in result["planners"].values():
-        assert row.keys() == agreed_row | {"maps", "best_saving"}
+        assert row.keys() == agreed_row | {
+            "maps", "best_saving", "median_minutes", "p90_minutes", "arrive_by", "difference_minutes",
+            "difference_ci95",
+        }  # fmt: skip
         for name, value in row.items():
-            kind = {"level": str, "maps": int, "ci95": list, "regret_ci95": list}.get(name, float)
+            kind = {"level": str, "maps": int, "arrive_by": type(None)}.get(name, list if "ci95" in name else float)
             assert isinstance(value, kind), name
-        assert len(row["ci95"]) == len(row["regret_ci95"]) == 2
+        assert len(row["ci95"]) == len(row["regret_ci95"]) == len(row["difference_ci95"]) == 2
+        assert row["median_minutes"] <= row["p90_minutes"]
         assert row["ci95"][0] <= row["mean_minutes"] <= row["ci95"][1]
         assert 0 <= row["arrival_rate"] <= 1
         assert row["decision_us"] > 0
     assert json.loads(json.dumps(result, allow_nan=False)) == result
 
 
+def test_the_json_says_how_many_arrive_within_the_minutes_asked_about(found) -> None:
+    record = found.records["random-walk"]
+    by = float(np.median(record.minutes))
+    result = found.as_json(by)
+    assert result["by_minutes"] == by
+    share = (record.arrived & (record.minutes <= by)).mean()
+    assert result["planners"]["random-walk"]["arrive_by"] == pytest.approx(share)
+    assert 0 < share < 1
+
+
 def test_rows_make_sense(found) -> None:
     rows = found.as_json()["planners"]
     assert rows["clairvoyant"]["regret"] == 0
+    assert rows["expected"]["difference_minutes"] == 0
+    assert rows["clairvoyant"]["difference_minutes"] <= 0 < rows["random-walk"]["difference_minutes"]
+    # or against another
+    other = found.as_json(rival="shortest-path")
+    assert other["rival"] == "shortest-path"
+    means = [rows[name]["mean_minutes"] for name in ("random-walk", "shortest-path")]
+    assert other["planners"]["random-walk"]["difference_minutes"] == pytest.approx(means[0] - means[1])
     assert rows["shortest-path"]["saving_vs_shortest_path"] == 0
     for name, row in rows.items():
         assert row["regret"] >= -1e-6, name
@@ -77,7 +101,7 @@ def test_results_do_not_depend_on_the_number_of_workers(found) -> None:
 
 def test_results_do_not_depend_on_who_else_walks_or_on_which_maps_else(found) -> None:
     alone = run(["random-walk"], maps=(1,))
-    assert list(alone.records) == ["random-walk", "shortest-path", "clairvoyant"]
+    assert list(alone.records) == ["random-walk", "shortest-path", "expected", "clairvoyant"]
     for name, record in alone.records.items():
         assert record.minutes.tolist() == found.records[name].minutes[1:].tolist()
 
@@ -89,9 +113,74 @@ def test_another_seed_gives_other_maps(found) -> None:
 def test_walks_meet_the_futures_for_testing(found) -> None:
     params = make_environment(TINY, draw_map(TINY, 0, 1), "test", 3)
     planner = BASELINES["expected"](draw_map(TINY, 0, 1), 1)
-    todo = instances(TINY, params, 3)
+    todo = instances(TINY, draw_map(TINY, 0, 1), params, 3)
     walked = routes(planner, params, todo, jax.random.key(0), 9)
     assert [route.seconds / 60 for route in walked] == pytest.approx(found.records["expected"].minutes[1].tolist())
+
+
+def test_many_walks_are_done_in_parts(monkeypatch) -> None:
+    # Five walks, no more than two at a time: three parts of two, of which the sixth walk does not count.
+    monkeypatch.setattr(comparing, "CHUNK", 2)
+    planners = choose(["random-walk"], BASELINES)
+    result = compare(TINY, planners, maps=(1,), walks=5)
+    assert result.as_json()["walks"] == 5
+    place = draw_map(TINY, 0, 1)
+    for name, factory in planners.items():
+        planner, minutes, arrived = factory(place, 1), [], []
+        for part in range(3):
+            params = make_environment(TINY, place, "test", 2, part=part)
+            todo = instances(TINY, place, params, 2, first=2 * part)
+            assert todo.crowd.tolist() == [0, 1]  # every walk has a future of its own
+            key = purpose_key(place, "test")
+            key = jax.random.fold_in(key, part) if part else key
+            walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
+            minutes += (np.asarray(walked.seconds, np.float64) / 60).tolist()
+            arrived += walked.arrived.tolist()
+        record = result.records[name]
+        assert record.minutes.shape == record.arrived.shape == (1, 5)
+        assert record.minutes[0] == pytest.approx(minutes[:5], rel=1e-5)
+        assert record.arrived[0].tolist() == arrived[:5]
+    # no future is met twice
+    assert len(set(result.records["clairvoyant"].minutes[0].tolist())) == 5
+
+
+def test_parts_that_fit_exactly(monkeypatch) -> None:
+    sizes = []
+
+    def counted(*args, **kwargs):
+        sizes.append((args[3], kwargs["part"]))
+        return make_environment(*args, **kwargs)
+
+    monkeypatch.setattr(comparing, "CHUNK", 2)
+    monkeypatch.setattr(comparing, "make_environment", counted)
+    assert compare(TINY, choose([], BASELINES), maps=(0,), walks=4).records["expected"].minutes.shape == (1, 4)
+    assert sizes == [(2, 0), (2, 1)]
+    sizes.clear()
+    compare(TINY, choose([], BASELINES), maps=(0,), walks=2)
+    assert sizes == [(2, 0)]
+
+
+@pytest.mark.parametrize(
+    ("names", "level"), [(list(REPLANNING), "live"), (["greedy-local"], "local"), ([], "position")]
+)
+def test_the_environment_sees_as_much_as_the_planner_that_sees_most(monkeypatch, names: list[str], level: str) -> None:
+    class EnoughError(Exception):
+        pass
+
+    def noted(*_args, **kwargs):
+        assert kwargs["level"] == level
+        raise EnoughError
+
+    monkeypatch.setattr(comparing, "make_environment", noted)
+    with pytest.raises(EnoughError):
+        compare(TINY, choose(names, {**BASELINES, **REPLANNING}), maps=(0,), walks=3)
+
+
+def test_who_sees_less_walks_the_same_beside_those_who_see_more(found) -> None:
+    many = compare(TINY, choose(["greedy-map"], {**BASELINES, **REPLANNING}), maps=(0,), walks=3)
+    for name in ("shortest-path", "expected", "clairvoyant"):
+        assert many.records[name].minutes[0] == pytest.approx(found.records[name].minutes[0], rel=1e-5)
+    assert (many.records["greedy-map"].minutes >= many.records["clairvoyant"].minutes * (1 - 1e-4)).all()
 
 
 def test_maps_are_reported_in_order() -> None:
@@ -125,10 +214,10 @@ def test_an_error_on_one_map_ends_the_comparison() -> None:
 
 
 def test_references_are_always_there() -> None:
-    assert (REFERENCE, BOUND) == ("shortest-path", "clairvoyant")
-    assert list(choose([], BASELINES)) == ["shortest-path", "clairvoyant"]
-    assert list(choose(["random-walk"], BASELINES)) == ["random-walk", "shortest-path", "clairvoyant"]
-    assert list(choose(["clairvoyant", "clairvoyant"], BASELINES)) == ["shortest-path", "clairvoyant"]
+    assert (REFERENCE, RIVAL, BOUND) == ("shortest-path", "expected", "clairvoyant")
+    assert list(choose([], BASELINES)) == ["shortest-path", "expected", "clairvoyant"]
+    assert list(choose(["random-walk"], BASELINES)) == ["random-walk", "shortest-path", "expected", "clairvoyant"]
+    assert list(choose(["clairvoyant", "clairvoyant"], BASELINES)) == ["shortest-path", "expected", "clairvoyant"]
     assert list(choose(ALL, BASELINES)) == ALL
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, cells, summarise
+from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, cells, spread, summarise
 
 
 def record(minutes: list[list[float]], arrived: list[list[bool]] | None = None, level: str = "map") -> Record:
@@ -11,17 +11,23 @@ def record(minutes: list[list[float]], arrived: list[list[bool]] | None = None, 
     return Record(level, times, np.ones(times.shape, bool) if arrived is None else np.array(arrived), 12.5)
 
 
-# Means by map: 110 and 90 by the shortest path, 60 and 40 in hindsight.
+# Means by map: 110 and 90 by the shortest path, 60 and 40 in hindsight, 80 and 50 by what is expected.
 SHORTEST = record([[100, 120], [80, 100]])
 BEST = record([[50, 70], [40, 40]], level="hindsight")
+EXPECTED = record([[70, 90], [50, 50]])
 
 
-def rows(seed: int = 0, **records: Record) -> dict:
-    return summarise({REFERENCE: SHORTEST, BOUND: BEST} | records, seed)
+def rows(seed: int = 0, by: float | None = None, **records: Record) -> dict:
+    return summarise({REFERENCE: SHORTEST, BOUND: BEST, RIVAL: EXPECTED} | records, seed, by)
+
+
+def against(one: Record, **records: Record) -> dict:
+    """Rows where all three references walk alike."""
+    return summarise({REFERENCE: one, BOUND: one, RIVAL: one} | records)
 
 
 def test_names_of_the_references() -> None:
-    assert (REFERENCE, BOUND) == ("shortest-path", "clairvoyant")
+    assert (REFERENCE, BOUND, RIVAL) == ("shortest-path", "clairvoyant", "expected")
 
 
 def test_by_hand() -> None:
@@ -58,9 +64,7 @@ def test_ratios_are_paired() -> None:
     # Maps differ a hundredfold, but on each the planner takes a tenth longer: paired, there is nothing to doubt.
     rng = np.random.default_rng(0)
     best = rng.uniform(1, 100, (30, 4))
-    row = summarise({REFERENCE: record(best.tolist()), BOUND: record(best.tolist()), "mine": record(1.1 * best)})[
-        "mine"
-    ]
+    row = against(record(best.tolist()), mine=record(1.1 * best))["mine"]
     assert row["regret_ci95"] == pytest.approx([0.1, 0.1])
     assert row["ci95"][1] - row["ci95"][0] > 10
 
@@ -68,7 +72,7 @@ def test_ratios_are_paired() -> None:
 def test_the_interval_contains_the_mean_and_is_as_wide_as_it_should_be() -> None:
     minutes = np.random.default_rng(3).normal(80, 10, (100, 5))
     maps = minutes.mean(axis=1)
-    row = summarise({REFERENCE: record(minutes), BOUND: record(minutes)})[REFERENCE]
+    row = against(record(minutes))[REFERENCE]
     low, high = row["ci95"]
     assert row["mean_minutes"] == pytest.approx(minutes.mean())
     assert low < minutes.mean() < high
@@ -91,7 +95,7 @@ def test_with_several_maps_whole_maps_are_resampled() -> None:
 def test_with_one_map_its_walks_are_resampled() -> None:
     shortest, best = record([[100, 100, 100, 100]]), record([[50, 50, 50, 50]])
     mine = record([[60, 80, 60, 80]])
-    row = summarise({REFERENCE: shortest, BOUND: best, "mine": mine})["mine"]
+    row = summarise({REFERENCE: shortest, BOUND: best, RIVAL: shortest, "mine": mine})["mine"]
     assert row["mean_minutes"] == 70
     assert row["best_saving"] == pytest.approx(0.4)  # the best walk
     # Four draws of 60 or 80: all alike with probability 1/8, so 2.5 % lie at 60 and 2.5 % at 80.
@@ -122,7 +126,7 @@ def test_walks_that_did_not_arrive_count_as_the_horizon() -> None:
 
 def test_the_seed_decides_the_resamples() -> None:
     minutes = np.random.default_rng(3).normal(80, 10, (20, 5))
-    wide = {REFERENCE: record(minutes), BOUND: record(minutes)}
+    wide = {name: record(minutes) for name in (REFERENCE, BOUND, RIVAL)}
     assert summarise(wide, 7) == summarise(wide, 7)
     assert summarise(wide, 7)[BOUND]["ci95"] != summarise(wide, 8)[BOUND]["ci95"]
 
@@ -144,3 +148,99 @@ def test_a_row_as_people_read_it() -> None:
         ("µs a decision", "1,234.6"),
     ]
     assert cells("mine", some, maps=1)["planner"] == "mine"
+
+
+def test_other_tables_have_other_columns() -> None:
+    some = rows(mine=record([[55, 77]]), by=60.0)["mine"] | {"difference_ci95": [-13.456, 0.5]}
+    # on map 0 66 against 80 by what is expected; one of two walks within the hour; 55 + .9 * 22 = 74.8
+    columns = ("planner", "median", "90 %", "in time", "difference", "difference 95 %")
+    assert list(cells("mine", some, 2, columns).values()) == [
+        "mine (1 maps)", "66.0", "74.8", "50.0 %", "-14.00", "-13.46 to +0.50",
+    ]  # fmt: skip
+    assert cells("mine", some | {"arrive_by": None}, 2, ["in time"]) == {"in time": ""}
+
+
+# --- How single walks spread ----------------------------------------------------------------------------------------
+
+
+def test_spread() -> None:
+    # Eleven walks of 10, 20, ... 110 minutes: the sixth is in the middle, the tenth is at 90 %.
+    minutes, arrived = np.arange(10.0, 111, 10), np.ones(11, bool)
+    assert spread(minutes, arrived, 45.0) == {
+        "median_minutes": 60.0,
+        "p90_minutes": 100.0,
+        "arrive_by": pytest.approx(4 / 11),
+    }
+    # Two walks: half way between, and nine tenths of the way.
+    assert spread(np.array([10.0, 20.0]), np.ones(2, bool), None) == {
+        "median_minutes": 15.0,
+        "p90_minutes": pytest.approx(19.0),
+        "arrive_by": None,
+    }
+
+
+def test_to_arrive_in_time_one_has_to_arrive() -> None:
+    # Walks that do not arrive count as the horizon of 60: to be asked about 60 does not make them arrive.
+    minutes, arrived = np.array([[30.0, 60.0], [60.0, 60.0]]), np.array([[True, True], [False, False]])
+    assert spread(minutes, arrived, 60.0)["arrive_by"] == 0.5  # exactly at the limit is in time
+    assert spread(minutes, arrived, 59.9)["arrive_by"] == 0.25
+    assert spread(minutes, arrived, 10.0)["arrive_by"] == 0.0
+
+
+def test_a_row_spreads_over_all_walks_of_all_maps() -> None:
+    # single walks: 10, 20, 30, 100; median 25; .9 * 3 = 2.7: 30 + .7 * 70 = 79
+    row = rows(mine=record([[100, 20], [10, 30]]), by=20.0)["mine"]
+    assert (row["median_minutes"], row["p90_minutes"], row["arrive_by"]) == (25, pytest.approx(79), 0.5)
+    assert rows()[RIVAL]["arrive_by"] is None
+
+
+# --- Against the expected -------------------------------------------------------------------------------------------
+
+
+def test_the_difference_by_hand() -> None:
+    # 66 and 66 against 80 and 50: -14 and +16, so +1; two maps drawn again: -14, 1 or 16, the ends with 1/4 each
+    row = rows(mine=record([[55, 77], [66, 66]]))["mine"]
+    assert row["difference_minutes"] == pytest.approx(1)
+    assert row["difference_ci95"] == pytest.approx([-14, 16])
+    assert rows()[RIVAL]["difference_minutes"] == 0
+    assert rows()[RIVAL]["difference_ci95"] == [0, 0]
+
+
+def test_the_difference_is_paired() -> None:
+    # Maps differ a hundredfold, but on each one is three minutes faster: there is nothing to doubt.
+    rival = np.random.default_rng(0).uniform(10, 1000, (30, 4))
+    row = against(record(rival), mine=record(rival - 3))["mine"]
+    assert row["difference_minutes"] == pytest.approx(-3)
+    assert row["difference_ci95"] == pytest.approx([-3, -3])
+
+
+def test_the_difference_on_one_map_is_that_of_its_walks() -> None:
+    # walk by walk: -10, +10, -10, +10; as with the means above, 2.5 % of the draws of four lie at either end
+    row = against(record([[60, 80, 70, 90]]), mine=record([[50, 90, 60, 100]]))["mine"]
+    assert row["difference_minutes"] == 0
+    assert row["difference_ci95"] == [-10, 10]
+
+
+def test_the_interval_of_the_difference_is_as_wide_as_it_should_be() -> None:
+    rng = np.random.default_rng(5)
+    rival = rng.normal(80, 10, (1, 400))
+    mine = rival - 2 + rng.normal(0, 4, (1, 400))
+    low, high = against(record(rival), mine=record(mine))["mine"]["difference_ci95"]
+    # 1.96 standard errors of 400 differences each way
+    assert (high - low) / 2 == pytest.approx(1.96 * (mine - rival).std() / 20, rel=0.1)
+
+
+def test_the_difference_may_be_taken_to_another() -> None:
+    records = {REFERENCE: SHORTEST, BOUND: BEST, RIVAL: EXPECTED}
+    # means: 100 by the shortest path, 50 in hindsight, 65 by what is expected; maps 80 and 50 less 110 and 90
+    found = summarise(records, rival=REFERENCE)
+    assert {name: row["difference_minutes"] for name, row in found.items()} == {REFERENCE: 0, BOUND: -50, RIVAL: -35}
+    assert found[RIVAL]["difference_ci95"] == [-40, -30]
+    # and nothing else changes
+    usual = summarise(records)[RIVAL]
+    assert {name for name in usual if usual[name] != found[RIVAL][name]} == {"difference_minutes", "difference_ci95"}
+
+
+def test_fewer_maps_are_set_against_the_expected_on_those() -> None:
+    # map 0 alone: 66 against 80
+    assert rows(mine=record([[66, 66]]))["mine"]["difference_minutes"] == pytest.approx(-14)

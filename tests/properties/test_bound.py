@@ -12,7 +12,9 @@ from sidestep.planners.base import Plan, walk_plan
 from sidestep.planners.random_walk import RandomProgress, RandomWalk
 from sidestep.planners.search import Clairvoyant, Expected
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import LAWS, draw_map, make_environment, scenario
+from sidestep.scenarios.catalogue import LAWS, scenario
+from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.worlds import make_environment
 
 SIDE, WALKS, FUTURES = 4, 8, 3
 TOLERANCE = 1e-4
@@ -24,7 +26,7 @@ class AnyTable:
     """Decides by an arbitrary table of exits."""
 
     name = "any-table"
-    level = "position"
+    level = sees = "position"
     decide = staticmethod(RandomWalk.decide)
 
     def __init__(self, seed: int) -> None:

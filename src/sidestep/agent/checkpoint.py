@@ -1,23 +1,28 @@
-"""Training runs on disk: save, load, resume to the bit."""
+"""Models and training runs on disk: a folder with what was learned, and with what it takes to go on to the bit."""
 
 import dataclasses
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 
 from sidestep.agent.config import TrainConfig
-from sidestep.agent.qnetwork import DuelingQNetwork
-from sidestep.agent.train import TrainState, prepare, shown
+from sidestep.agent.train import QNetwork, TrainState, fresh_network, prepare, shown
 from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
-from sidestep.scenarios import Scenario, draw_map
+from sidestep.scenarios.catalogue import RushHours, Scenario
+from sidestep.scenarios.maps import CrowdedMap, draw_training_map, fingerprint
 
-FORMAT = 1
-FILE = "checkpoint.eqx"
+FORMAT = 2
+MODEL = "model.eqx"
+CHECKPOINT = "checkpoint.eqx"
+Tree = TypeVar("Tree")
 
 
 class CheckpointError(SidestepError):
@@ -25,24 +30,46 @@ class CheckpointError(SidestepError):
 
 
 @dataclass(frozen=True)
-class TrainingRun:
-    """A training run so far: on which map of which scenario, how, and where it stands."""
+class Training:
+    """A training so far: on which map of which scenario, how, and how its greedy test walks went."""
 
     scenario: Scenario
     seed: int
     index: int  # of the map
     config: TrainConfig
     curve: tuple[tuple[float, ...], ...]  # minutes of the greedy test walks, round by round
+
+    @property
+    def several_maps(self) -> bool:
+        """Whether other maps were learned than the one that will be walked."""
+        return bool(self.scenario.training_maps)
+
+
+@dataclass(frozen=True)
+class Model(Training):
+    """What was learned."""
+
+    fingerprint: str  # of the map that was learned
+    network: QNetwork  # with the numbers that turn observations into inputs
+
+
+@dataclass(frozen=True)
+class TrainingRun(Training):
+    """What it takes to go on."""
+
     state: TrainState
 
     @property
-    def network(self) -> DuelingQNetwork:
+    def network(self) -> QNetwork:
         """The network that this run has to show."""
         return shown(self.config, self.state)
 
 
 def save(run: TrainingRun, folder: Path) -> None:
-    """Write a run into a folder: one line of JSON that describes it, then the numbers."""
+    """Write a run into a folder, as ``model.eqx`` and ``checkpoint.eqx``.
+
+    Each is one line of JSON that describes it, then the numbers.
+    """
     header = {
         "format": FORMAT,
         "scenario": dataclasses.asdict(run.scenario),
@@ -50,25 +77,54 @@ def save(run: TrainingRun, folder: Path) -> None:
         "index": run.index,
         "config": dataclasses.asdict(run.config),
         "curve": run.curve,
+        "fingerprint": fingerprint(draw_training_map(run.scenario, run.seed, run.index)),
     }
-    with whole_file(folder / FILE) as temporary, temporary.open("wb") as file:
-        file.write(json.dumps(header).encode() + b"\n")
-        eqx.tree_serialise_leaves(file, _plain(run.state))
+    for name, tree in ((CHECKPOINT, _plain(run.state)), (MODEL, run.network)):
+        with whole_file(folder / name) as temporary, temporary.open("wb") as file:
+            file.write(json.dumps(header).encode() + b"\n")
+            eqx.tree_serialise_leaves(file, tree)
 
 
 def load(folder: Path) -> TrainingRun:
-    """Read a run back.
+    """Read a run back, to go on with it.
+
+    Raises
+    ------
+    CheckpointError
+        The folder holds no run, one of another format, or a damaged one.
+    """
+
+    def template(run: Training, place: CrowdedMap) -> TrainState:
+        return _plain(prepare(run.config, run.scenario, place)[1])
+
+    training, _, state = _read(folder, CHECKPOINT, template)
+    return TrainingRun(**_fields(training), state=_keyed(state))
+
+
+def load_model(folder: Path) -> Model:
+    """Read what was learned.
 
     Raises
     ------
     CheckpointError
         The folder holds no model, one of another format, or a damaged one.
     """
-    path = folder / FILE
+
+    def template(run: Training, place: CrowdedMap) -> QNetwork:
+        return fresh_network(run.config, run.scenario, place.network, place.key)
+
+    training, header, network = _read(folder, MODEL, template)
+    return Model(**_fields(training), fingerprint=str(header["fingerprint"]), network=network)
+
+
+def _read(
+    folder: Path, name: str, template: Callable[[Training, CrowdedMap], Tree]
+) -> tuple[Training, dict[str, Any], Tree]:
+    path = folder / name
     try:
         file = path.open("rb")
     except OSError as error:
-        raise CheckpointError(f"no model in {folder}: cannot read {FILE} ({reason(error)})") from error
+        raise CheckpointError(f"no model in {folder}: cannot read {name} ({reason(error)})") from error
     with file:
         try:
             header = json.loads(file.readline())
@@ -78,17 +134,24 @@ def load(folder: Path) -> TrainingRun:
         if version != FORMAT:
             raise CheckpointError(f"{path} has model format {version}; this version reads format {FORMAT}")
         try:
-            scenario, config = _scenario(header["scenario"]), _config(header["config"])
-            seed, index = int(header["seed"]), int(header["index"])
-            place = draw_map(scenario, seed, index)
-            template = jax.eval_shape(lambda place: _plain(prepare(config, scenario, place)[1]), place)
-            state = eqx.tree_deserialise_leaves(file, template)
-            curve = tuple(tuple(map(float, walks)) for walks in header["curve"])
+            training = Training(
+                scenario=_scenario(header["scenario"]),
+                seed=int(header["seed"]),
+                index=int(header["index"]),
+                config=_config(header["config"]),
+                curve=tuple(tuple(map(float, walks)) for walks in header["curve"]),
+            )
+            place = draw_training_map(training.scenario, training.seed, training.index)
+            tree = eqx.tree_deserialise_leaves(file, jax.eval_shape(partial(template, training), place))
         except SidestepError:
             raise
         except Exception as error:  # whatever a damaged file makes the reader say
             raise CheckpointError(f"{path} is damaged or cut short: {error or type(error).__name__}") from error
-    return TrainingRun(scenario, seed, index, config, curve, _keyed(state))
+    return training, header, tree
+
+
+def _fields(training: Training) -> dict[str, Any]:
+    return {field.name: getattr(training, field.name) for field in dataclasses.fields(training)}
 
 
 def _plain(state: TrainState) -> TrainState:
@@ -100,15 +163,16 @@ def _keyed(state: TrainState) -> TrainState:
     return eqx.tree_at(lambda s: s.key, state, jax.random.wrap_key_data(state.key))
 
 
-def _scenario(fields: dict[str, object]) -> Scenario:
-    reward = RewardWeights(**fields.pop("reward"))  # type: ignore[arg-type]
-    return Scenario(**{name: _tuples(value) for name, value in fields.items()}, reward=reward)  # type: ignore[arg-type]
+def _scenario(fields: dict[str, Any]) -> Scenario:
+    reward, rush = RewardWeights(**fields.pop("reward")), fields.pop("rush")
+    rush = rush and RushHours(**{name: _tuples(value) for name, value in rush.items()})
+    return Scenario(**{name: _tuples(value) for name, value in fields.items()}, reward=reward, rush=rush)
 
 
 def _config(fields: dict[str, object]) -> TrainConfig:
-    return TrainConfig(**{name: _tuples(value) for name, value in fields.items()})  # type: ignore[arg-type]
+    return TrainConfig(**{name: _tuples(value) for name, value in fields.items()})
 
 
-def _tuples(value: object) -> object:
+def _tuples(value: Any) -> Any:
     """JSON's lists as the tuples that they were."""
     return tuple(value) if isinstance(value, list) else value

@@ -31,6 +31,7 @@ class DuelingQNetwork(eqx.Module):
     advantage: Linear
     crossings: int = eqx.field(static=True)  # width of the one-hot crossing beside x and y; 0 for none
     unit: float = eqx.field(static=True)  # rewards per unit of the heads' output
+    dueling: bool = eqx.field(static=True, default=True)  # without, the advantages are the values
 
     def __call__(self, observation: Observation) -> Float[Array, " exit"]:
         """Q-value of every exit; those of exits that do not exist mean nothing."""
@@ -39,7 +40,19 @@ class DuelingQNetwork(eqx.Module):
             features = jnp.concatenate([features, jax.nn.one_hot(observation.node, self.crossings)])
         for layer in self.hidden:
             features = jax.nn.relu(layer(features))
-        return self.unit * combine(self.value(features)[0], self.advantage(features), observation.valid)
+        advantage = self.advantage(features)
+        if not self.dueling:
+            return self.unit * advantage
+        return self.unit * combine(self.value(features)[0], advantage, observation.valid)
+
+
+class QTable(eqx.Module):
+    """A Q-value for every crossing and exit (Watkins 1989)."""
+
+    q: Float[Array, "node exit"]
+
+    def __call__(self, observation: Observation) -> Float[Array, " exit"]:
+        return self.q[observation.node]
 
 
 def combine(
@@ -56,6 +69,7 @@ def dueling_network(
     hidden: tuple[int, ...],
     one_hot: bool,
     unit: float,
+    dueling: bool = True,
 ) -> DuelingQNetwork:
     """A freshly initialised network for one map.
 
@@ -82,4 +96,4 @@ def dueling_network(
         layers.append(Linear(weight[:, 1:], weight[:, 0]))
         draw = draw[size:]
     *trunk, value, advantage = layers
-    return DuelingQNetwork(offset, scale, tuple(trunk), value, advantage, crossings, unit)
+    return DuelingQNetwork(offset, scale, tuple(trunk), value, advantage, crossings, unit, dueling)

@@ -1,5 +1,7 @@
 """Training: walk, remember, learn; one jitted scan per round (the paper's algorithm 1)."""
 
+import itertools
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
@@ -12,14 +14,22 @@ from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.agent import replay as memory
 from sidestep.agent.config import TrainConfig
-from sidestep.agent.qnetwork import DuelingQNetwork, dueling_network
+from sidestep.agent.qnetwork import DuelingQNetwork, QTable, dueling_network
 from sidestep.agent.replay import Replay
+from sidestep.agent.segments import SegmentQNetwork, segment_network
 from sidestep.agent.td import double_q_learning, mask, q_learning
-from sidestep.environment.dynamics import observe, random_exit, reset, step
+from sidestep.environment.dynamics import random_exit, reset, step
 from sidestep.environment.instances import DRAWS, InstanceSampler
+from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.environment.walk import Decide, walk
-from sidestep.scenarios import CrowdedMap, Scenario, draw_map, instances, make_environment, purpose_key, sampler
+from sidestep.network.graph import RoadNetwork
+from sidestep.scenarios.catalogue import Scenario
+from sidestep.scenarios.maps import CrowdedMap, draw_training_map, purpose_key
+from sidestep.scenarios.worlds import destinations, instances, make_environment, new_crowds, put_crowds, sampler
+
+QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
+BIN_SECONDS = 900.0  # of what is learned of places
 
 
 class Transition(eqx.Module):
@@ -33,23 +43,25 @@ class Transition(eqx.Module):
 
 
 class Walkers(eqx.Module):
-    """Walkers on their way."""
+    """Walkers on their way, and those of their latest steps whose returns are not complete yet."""
 
     state: EnvState
     observation: Observation
+    pending: Transition  # each leaf [n_step - 1, walker, ...], the oldest first
+    open: Bool[Array, "pending walker"]  # whether the walk that the step belongs to still goes on
 
 
 class TrainState(eqx.Module):
     """Everything that training carries from round to round: saved, it can be resumed to the bit."""
 
-    network: DuelingQNetwork
-    target: DuelingQNetwork
+    network: QNetwork
+    target: QNetwork
     optimiser: optax.OptState
     replay: Replay[Transition]
     walkers: Walkers
     iteration: Int[Array, ""]
     key: Key[Array, ""]
-    best: DuelingQNetwork
+    best: QNetwork
     best_minutes: Float[Array, ""]
 
 
@@ -62,18 +74,16 @@ class RoundReport(eqx.Module):
 
 
 def optimiser(config: TrainConfig) -> optax.GradientTransformation:
-    """The paper's RMSProp (eqs. 22 and 23, with √g + σ), or Adam."""
+    """The paper's RMSProp (eqs. 22 and 23, with √g + σ), Adam, or plain gradient descent."""
     steps = config.rounds * config.iterations
     rate = optax.linear_schedule(config.learning_rate, config.learning_rate_end, steps)
     if config.optimiser == "rmsprop":
         rule = optax.rmsprop(rate, decay=config.decay, eps=config.damping, eps_in_sqrt=False)
+    elif config.optimiser == "sgd":
+        rule = optax.sgd(rate)
     else:
         rule = optax.adam(rate)
     return optax.flatten(rule)  # one vector instead of a dozen arrays: a third less to compile
-
-
-TRAINING_CROWDS = 64  # futures that training walks meet; the test walks have their own
-TEST_WALKS = 10  # greedy walks after every round, as in the paper
 
 
 def train(
@@ -83,18 +93,47 @@ def train(
 
     The state that was yielded is used up by the next round: copy what is to be kept.
     """
-    # The round takes seconds to compile the first time; crowds are drawn meanwhile.
     with ThreadPoolExecutor(1) as pool:
+        # The round takes seconds to compile the first time; crowds are drawn meanwhile.
         compiling = pool.submit(_compiled_round, config, scenario)
         problem, fresh = prepare(config, scenario, place)
         one_round = compiling.result()
-    state = fresh if state is None else state
-    total = config.rounds * config.iterations
-    anywhere = sampler(scenario, problem.params, TRAINING_CROWDS, anywhere=True)
-    while (done := int(state.iteration) / total) < 1:
-        from_where = anywhere if done < config.random_origins else problem.sampler
-        state, report = one_round(problem.params, from_where, problem.tests, state)
-        yield state, report
+        state = fresh if state is None else state
+        goals = destinations(place.parts, config.goals)
+        anywhere = sampler(scenario, place, problem.params, config.crowds, goals=goals, anywhere=True)
+        before = int(state.iteration) // config.iterations
+        worlds = _worlds(config, scenario, place, problem.params, before, pool)
+        for done, params in zip(range(before, config.rounds), worlds, strict=False):
+            from_where = anywhere if done < config.random_origins * config.rounds else problem.sampler
+            state, report = one_round(params, from_where, problem.tests, state)
+            yield state, report
+
+
+def _worlds(
+    config: TrainConfig,
+    scenario: Scenario,
+    place: CrowdedMap,
+    params: EnvParams,
+    before: int,
+    pool: ThreadPoolExecutor,
+) -> Iterator[EnvParams]:
+    """The environment of every round after those ``before``; fresh crowds are drawn beside the round before them."""
+    if not config.fresh_crowds:
+        yield from itertools.repeat(params)
+    draw = partial(new_crowds, scenario, place, params, crowds=config.fresh_crowds)
+    renewals = iter(range(1, config.rounds))
+
+    def first(number: int) -> Int[Array, ""]:
+        return jnp.int32(number * config.fresh_crowds % config.crowds)
+
+    for number in itertools.islice(renewals, before):
+        if number > before - config.crowds // config.fresh_crowds:  # or it has been replaced again
+            params = put_crowds(params, draw(number), first(number))
+    for number in renewals:
+        upcoming = pool.submit(draw, number)
+        yield params
+        params = put_crowds(params, upcoming.result(), first(number))
+    yield params
 
 
 class Problem(eqx.Module):
@@ -107,41 +146,69 @@ class Problem(eqx.Module):
 
 def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple[Problem, TrainState]:
     """Crowds, walks and an untrained state for one map; ``jax.eval_shape`` gives their shapes without the work."""
-    params = make_environment(scenario, place, "learn", TRAINING_CROWDS + TEST_WALKS)
-    here = sampler(scenario, params, TRAINING_CROWDS)
-    tests = instances(scenario, params, TEST_WALKS, first=TRAINING_CROWDS)
-    return Problem(params, here, tests), start(config, params, here, place)
+    goals = destinations(place.parts, config.goals)
+    params = make_environment(
+        scenario, place, "learn", config.crowds + config.test_walks, level=config.level, goals=goals
+    )
+    here = sampler(scenario, place, params, config.crowds, goals=goals)
+    tests = instances(scenario, place, params, config.test_walks, first=config.crowds)
+    return Problem(params, here, tests), start(config, scenario, params, here, place)
 
 
 @lru_cache(maxsize=16)
 def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
-    problem, state = jax.eval_shape(partial(prepare, config, scenario), draw_map(scenario, seed=0))
+    problem, state = jax.eval_shape(partial(prepare, config, scenario), draw_training_map(scenario, seed=0))
     return train_round.lower(config, problem.params, problem.sampler, problem.tests, state).compile()
 
 
-@partial(jax.jit, static_argnames="config")
-def start(config: TrainConfig, params: EnvParams, sampler: InstanceSampler, place: CrowdedMap) -> TrainState:
+@partial(jax.jit, static_argnames=("config", "scenario"))
+def start(
+    config: TrainConfig, scenario: Scenario, params: EnvParams, sampler: InstanceSampler, place: CrowdedMap
+) -> TrainState:
     """Untrained network, empty replay, walkers at their origins."""
     key, network_key, walker_key = jax.random.split(purpose_key(place, "explore"), 3)
-    network = dueling_network(
-        params.network, network_key, hidden=config.hidden, one_hot=config.one_hot, unit=config.unit
-    )
+    network = fresh_network(config, scenario, params.network, network_key)
     draws = jax.random.uniform(walker_key, (config.walkers, DRAWS))
     state, observation = jax.vmap(lambda draw: reset(params, sampler.sample(draw)))(draws)
     nothing = jnp.float32(0)
     one = jax.tree.map(lambda leaf: leaf[0], observation)
     item = Transition(one, jnp.int32(0), nothing, nothing, one)
+    waiting = (config.n_step - 1, config.walkers)
+    pending = jax.tree.map(lambda leaf: jnp.zeros((*waiting, *leaf.shape), leaf.dtype), item)
     return TrainState(
         network=network,
         target=network,
         optimiser=optimiser(config).init(eqx.filter(network, eqx.is_array)),
         replay=memory.empty_replay(item, config.capacity),
-        walkers=Walkers(state, observation),
+        walkers=Walkers(state, observation, pending, jnp.zeros(waiting, bool)),
         iteration=jnp.int32(0),
         key=key,
         best=network,
         best_minutes=jnp.float32(jnp.inf),
+    )
+
+
+def fresh_network(config: TrainConfig, scenario: Scenario, network: RoadNetwork, key: Key[Array, ""]) -> QNetwork:
+    """The untrained network of a configuration for one map."""
+    if config.table:
+        return QTable(jnp.zeros((network.nodes, network.exits)))
+    if config.level == "position":
+        return dueling_network(
+            network, key, hidden=config.hidden, one_hot=config.one_hot, unit=config.unit, dueling=config.dueling
+        )
+    return segment_network(
+        network,
+        key,
+        level=config.level,
+        hidden=config.hidden,
+        places=config.places,
+        bins=1 + math.ceil(scenario.horizon / BIN_SECONDS),
+        bin_seconds=BIN_SECONDS,
+        dueling=config.dueling,
+        potential=config.potential,
+        reward_seconds=scenario.reward.unit_seconds,
+        unit=config.unit,
     )
 
 
@@ -169,12 +236,12 @@ def train_round(
     return state, RoundReport(minutes, tested.arrived, jnp.mean(losses))
 
 
-def shown(config: TrainConfig, state: TrainState) -> DuelingQNetwork:
+def shown(config: TrainConfig, state: TrainState) -> QNetwork:
     """The network that a run has to show: the best in test walks or the last, as configured."""
     return state.best if config.keep == "best" else state.network
 
 
-def greedy(network: DuelingQNetwork) -> Decide:
+def greedy(network: QNetwork) -> Decide:
     """The decision rule of a trained network: the valid exit of the highest value."""
     return lambda observation, _key: jnp.argmax(mask(network(observation), observation.valid))
 
@@ -187,15 +254,14 @@ def _iterate(
     draws: Float[Array, " draw"],
 ) -> tuple[TrainState, Float[Array, ""]]:
     """One step of every walker and one gradient step."""
-    progress = state.iteration / (config.rounds * config.iterations)
     for_walkers, for_batch = draws[: -config.batch], draws[-config.batch :]
     walkers, transitions = _walk_on(
-        config, params, sampler, state.network, state.walkers, progress, for_walkers.reshape(config.walkers, -1)
+        config, params, sampler, state.network, state.walkers, state.iteration, for_walkers.reshape(config.walkers, -1)
     )
     replay = memory.add(state.replay, transitions, config.walkers)
     place, batch, weight = memory.sample(replay, for_batch, config.beta)
 
-    def loss(network: DuelingQNetwork) -> tuple[Float[Array, ""], Float[Array, " batch"]]:
+    def loss(network: QNetwork) -> tuple[Float[Array, ""], Float[Array, " batch"]]:
         td_error = jax.vmap(partial(_td_error, config, network, state.target))(batch)
         return jnp.mean(weight * td_error**2), td_error
 
@@ -218,16 +284,19 @@ def _walk_on(
     config: TrainConfig,
     params: EnvParams,
     sampler: InstanceSampler,
-    network: DuelingQNetwork,
+    network: QNetwork,
     walkers: Walkers,
-    progress: Float[Array, ""],
+    iteration: Int[Array, ""],
     draws: Float[Array, "walker draw"],
 ) -> tuple[Walkers, Transition]:
     """Each walker takes an ε-greedy step; those whose episode is over begin another."""
+    progress = iteration / (config.rounds * config.iterations)
     fallen = jnp.minimum(progress / config.epsilon_share, 1.0)
     epsilon = config.epsilon + fallen * (config.epsilon_end - config.epsilon)
 
-    def one(state: EnvState, seen: Observation, draw: Float[Array, " draw"]) -> tuple[Walkers, Transition]:
+    def one(
+        state: EnvState, seen: Observation, draw: Float[Array, " draw"]
+    ) -> tuple[EnvState, Observation, Transition, Bool[Array, ""]]:
         best = jnp.argmax(mask(network(seen), seen.valid))
         action = jnp.where(draw[0] < epsilon, random_exit(seen.valid, draw[1]), best)
         after, outcome = step(params, state, action)
@@ -235,16 +304,35 @@ def _walk_on(
         fresh, _ = reset(params, sampler.sample(draw[2:]))
         state = jax.tree.map(partial(jnp.where, over), fresh, after)
         discount = config.gamma * (1.0 - outcome.terminated)
-        return Walkers(state, observe(params, state)), Transition(
-            seen, action, outcome.reward, discount, outcome.observation
-        )
+        latest = Transition(seen, action, outcome.reward, discount, outcome.observation)
+        return state, observe(params, state), latest, over
 
-    return jax.vmap(one)(walkers.state, walkers.observation, draws)
+    state, observation, latest, over = jax.vmap(one)(walkers.state, walkers.observation, draws)
+    if config.n_step == 1:
+        return Walkers(state, observation, walkers.pending, walkers.open), latest
+    going = walkers.open
+    grown = jax.tree.map(
+        partial(_where, going), jax.vmap(lambda old: _lengthened(old, latest))(walkers.pending), walkers.pending
+    )
+    # Until the oldest place has been filled, steps are handed on as they come.
+    filled = iteration >= config.n_step - 1
+    complete = jax.tree.map(lambda old, new: jnp.where(filled, old[0], new), grown, latest)
+    pending = jax.tree.map(lambda old, new: jnp.concatenate([old[1:], new[None]]), grown, latest)
+    still = jnp.concatenate([(going & ~over)[1:], ~over[None]])
+    return Walkers(state, observation, pending, still), complete
 
 
-def _td_error(
-    config: TrainConfig, network: DuelingQNetwork, target: DuelingQNetwork, item: Transition
-) -> Float[Array, ""]:
+def _lengthened(old: Transition, new: Transition) -> Transition:
+    """A transition with the step that followed on it."""
+    reward = old.r_t + old.discount_t * new.r_t
+    return Transition(old.observation_tm1, old.a_tm1, reward, old.discount_t * new.discount_t, new.observation_t)
+
+
+def _where(condition: Bool[Array, "pending walker"], one: Array, other: Array) -> Array:
+    return jnp.where(condition.reshape(condition.shape + (1,) * (one.ndim - condition.ndim)), one, other)
+
+
+def _td_error(config: TrainConfig, network: QNetwork, target: QNetwork, item: Transition) -> Float[Array, ""]:
     q_tm1 = network(item.observation_tm1)
     q_t = target(item.observation_t)
     valid_t = item.observation_t.valid

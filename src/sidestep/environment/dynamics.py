@@ -3,19 +3,15 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.types import EnvParams, EnvState, Instance, Observation, Outcome
+from sidestep.environment.observation import observe
+from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Observation, Outcome
+from sidestep.network.graph import ABSENT
 from sidestep.travel_time import crossing_time_in
-
-
-def observe(params: EnvParams, state: EnvState) -> Observation:
-    """See what level ``position`` sees."""
-    network = params.network
-    return Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0)
 
 
 def reset(params: EnvParams, instance: Instance) -> tuple[EnvState, Observation]:
     """Put a walker at its origin at its departure."""
-    state = EnvState(instance.origin, instance.departure, instance)
+    state = EnvState(instance.origin, instance.departure, instance, jnp.full(TRAIL, ABSENT, jnp.int32))
     return state, observe(params, state)
 
 
@@ -30,7 +26,8 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
     way = existing_exit(network.exit_node[state.node], action)
     segment, node = network.exit_segment[state.node, way], network.exit_node[state.node, way]
     seconds = segment_seconds(params, state.instance.crowd, segment, state.clock)
-    after = EnvState(node, state.clock + seconds, state.instance)
+    trail = jnp.concatenate([state.node[None], state.trail[:-1]])
+    after = EnvState(node, state.clock + seconds, state.instance, trail)
     arrived = node == state.instance.destination
     outcome = Outcome(
         observation=observe(params, after),

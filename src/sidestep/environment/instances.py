@@ -10,27 +10,33 @@ DRAWS = 4  # uniform numbers that one instance takes
 
 
 class InstanceSampler(eqx.Module):
-    """Independent uniform draws of origin, destination, departure and crowd."""
+    """Independent uniform draws of a goal, then an origin (and with it the destination), departure and crowd.
 
-    origins: Int[Array, " origin"]  # nodes
-    destinations: Int[Array, " destination"]  # nodes
+    Crowd number c is for goal number c modulo goals, since what level ``live`` knows of a crowd is for one destination.
+    """
+
+    origins: Int[Array, "goal origin"]  # nodes
+    destinations: Int[Array, "goal origin"]  # nodes: where a walk for this goal from each origin ends
     departures: Float[Array, "2"]  # s, earliest and latest clock
-    crowds: Int[Array, ""]  # number of crowds to draw from
+    crowds: Int[Array, ""]  # number of crowds to draw from; at least as many as goals, or there are only as many goals
 
     def sample(self, uniform: Float[Array, "4"]) -> Instance:
         """Turn four uniform numbers in [0, 1) into an instance.
 
         Numbers, not a key, because drawing them for a whole chunk of training at once is many times cheaper.
         """
+        goals, origins = self.origins.shape
+        goal = _pick(jnp.minimum(goals, self.crowds), uniform[1])
+        origin = _pick(origins, uniform[0])
         earliest, latest = self.departures
         return Instance(
-            origin=_pick(self.origins, uniform[0]),
-            destination=_pick(self.destinations, uniform[1]),
+            origin=self.origins[goal, origin],
+            destination=self.destinations[goal, origin],
             departure=earliest + (latest - earliest) * uniform[2],
-            crowd=jnp.minimum((uniform[3] * self.crowds).astype(jnp.int32), self.crowds - 1),
+            crowd=goal + goals * _pick((self.crowds - goal + goals - 1) // goals, uniform[3]),
         )
 
 
-def _pick(candidates: Int[Array, " candidate"], uniform: Float[Array, ""]) -> Int[Array, ""]:
-    count = candidates.shape[0]
-    return candidates[jnp.minimum((uniform * count).astype(jnp.int32), count - 1)]
+def _pick(count: Int[Array, ""] | int, uniform: Float[Array, ""]) -> Int[Array, ""]:
+    """A number below a count."""
+    return jnp.minimum((uniform * count).astype(jnp.int32), count - 1)

@@ -1,6 +1,6 @@
 """What the environment is made of. One walker everywhere; ``jax.vmap`` makes many."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import equinox as eqx
 import jax
@@ -12,6 +12,8 @@ from sidestep.network.graph import RoadNetwork
 from sidestep.travel_time import CrossingRule, SpeedField, SpeedLaw, speed_field
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
+Seen = Literal["position", "local", "map", "live"]  # levels at which a walker can stand at a crossing
+LEVELS: tuple[Seen, ...] = get_args(Seen)
 
 
 class RewardWeights(eqx.Module):
@@ -22,8 +24,30 @@ class RewardWeights(eqx.Module):
     bonus: float = eqx.field(static=True, default=1.0)
 
 
+TRAIL = 8  # crossings that a walker remembers having left
+
+
+class UsualToGo(eqx.Module):
+    """What somebody knows who knows the map and its usual crowds: expected times to some destinations."""
+
+    table: Float[Array, "goal slot node"]  # s to the destination, as each slot begins
+    goal: Int[Array, " node"]  # which of the tables leads to a node; -1 where none does
+
+
+class LiveToGo(eqx.Module):
+    """What can be worked out from all counts of a slot; each crowd's is for one destination.
+
+    ``forecast`` is known for the beginning and the end of the slot: in between, time is linear.
+    """
+
+    forecast: Float[
+        Array, "crowd slot 2 segment"
+    ]  # s to the destination over each segment, if crowds go on as forecast
+    snapshot: Float[Array, "crowd slot node"]  # s to the destination, if crowds stay as they are
+
+
 class EnvParams(eqx.Module):
-    """Everything that stays while walkers walk: streets, crowds, rules."""
+    """Everything that stays while walkers walk: streets, crowds, rules, and what walkers know of them."""
 
     network: RoadNetwork
     crowds: SpeedField  # [crowd, segment, slot]: the futures that an episode may meet
@@ -31,6 +55,9 @@ class EnvParams(eqx.Module):
     horizon: Float[Array, ""]  # s after departure at which a walk is cut off
     reward: RewardWeights = RewardWeights()
     rule: CrossingRule = eqx.field(static=True, default="integrated")
+    level: Seen = eqx.field(static=True, default="position")  # what walkers see
+    usual: UsualToGo | None = None  # levels map and live need it
+    live: LiveToGo | None = None  # level live needs it
 
 
 class Instance(eqx.Module):
@@ -48,14 +75,53 @@ class EnvState(eqx.Module):
     node: Int[Array, ""]
     clock: Float[Array, ""]  # s since the scenario's start
     instance: Instance
+    trail: Int[Array, " trail"]  # nodes that were left before, the latest first; -1 before the origin
+
+
+class Local(eqx.Module):
+    """What level ``local`` sees beside level ``position``."""
+
+    clock: Float[Array, ""]  # s since the scenario's start
+    ahead: Float[Array, "2"]  # m, from here to the destination
+    onto: Int[Array, " exit"]  # next node
+    onward: Float[Array, "exit 2"]  # m, from each next node to the destination
+    length: Float[Array, " exit"]  # m
+    crossing: Float[Array, " exit"]  # s to cross each exit at the speed that is seen on it now
+    left: Int[Array, " exit"]  # crossings since each next node was left; TRAIL + 1 or more where it is not remembered
+
+
+class Usual(eqx.Module):
+    """What level ``map`` knows beside level ``local``."""
+
+    crossing: Float[Array, " exit"]  # s to cross each exit with the crowd that is usual now
+    to_go: Float[Array, " exit"]  # s from each next node to the destination, usually, from when it is reached
+
+
+class Live(eqx.Module):
+    """What level ``live`` knows beside level ``map``."""
+
+    snapshot: Float[Array, " exit"]  # s to the destination over each exit, if crowds stay as they are
+    forecast: Float[Array, " exit"]  # s to the destination over each exit, if crowds go on as forecast
 
 
 class Observation(eqx.Module):
-    """What a walker sees at level ``position``: where it is, and which exits it has."""
+    """What a walker sees at a crossing; what its level does not see is None.
 
+    Entries of exits that do not exist mean nothing.
+    """
+
+    # level position
     node: Int[Array, ""]
     position: Float[Array, "2"]  # x, y in metres
-    valid: Bool[Array, " exit"]
+    valid: Bool[Array, " exit"]  # which exits exist
+    # level local
+    local: Local | None = None
+    # level map
+    usual: Usual | None = None
+    # level live
+    live: Live | None = None
+    # every level beyond position
+    estimate: Float[Array, " exit"] | None = None  # s to the destination over each exit, as the level reckons
 
 
 class Outcome(eqx.Module):

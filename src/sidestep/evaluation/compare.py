@@ -1,5 +1,6 @@
 """Walk the same maps, crowds and departures with every planner."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,15 +13,21 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.environment.dynamics import reset
-from sidestep.environment.types import EnvParams, Instance
+from sidestep.environment.observation import at_level
+from sidestep.environment.types import LEVELS, EnvParams, Instance
 from sidestep.errors import SidestepError
-from sidestep.evaluation.metrics import BOUND, REFERENCE, Record, Row, summarise
+from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, Row, summarise
 from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
+from sidestep.planners.greedy import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.random_walk import RandomProgress, RandomWalk
 from sidestep.planners.search import Clairvoyant, Expected
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import CrowdedMap, Scenario, draw_map, instances, make_environment, purpose_key
+from sidestep.scenarios import worlds
+from sidestep.scenarios.catalogue import Scenario
+from sidestep.scenarios.maps import CrowdedMap, draw_map, purpose_key
+from sidestep.scenarios.worlds import instances, make_environment
 
+CHUNK = 200  # walks whose futures are held in memory at a time
 PlannerFactory = Callable[[CrowdedMap, int], Planner | None]  # for map and its number; None skips this map and later
 BASELINES: dict[str, PlannerFactory] = {
     RandomWalk.name: lambda *_: RandomWalk(),
@@ -28,6 +35,12 @@ BASELINES: dict[str, PlannerFactory] = {
     ShortestPath.name: lambda *_: ShortestPath(),
     Expected.name: lambda *_: Expected(),
     Clairvoyant.name: lambda *_: Clairvoyant(),
+}
+REPLANNING: dict[str, PlannerFactory] = {
+    GreedyLocal.name: lambda *_: GreedyLocal(),
+    GreedyMap.name: lambda *_: GreedyMap(),
+    Snapshot.name: lambda *_: Snapshot(),
+    Forecast.name: lambda *_: Forecast(),
 }
 
 
@@ -53,6 +66,8 @@ class Results(TypedDict):
     maps: int
     walks: int
     seed: int
+    rival: str  # whom `difference_minutes` is taken to
+    by_minutes: float | None
     planners: dict[str, Row]
 
 
@@ -66,21 +81,28 @@ class Comparison:
     seed: int
     records: dict[str, Record]
 
-    def as_json(self) -> Results:
-        """The shape of ``compare --json`` and ``results.json``."""
+    def as_json(self, by: float | None = None, rival: str = RIVAL) -> Results:
+        """The shape of ``compare --json`` and ``results.json``.
+
+        ``by`` are minutes to arrive within, ``rival`` is the planner that the others' minutes are set against.
+        """
+        if rival not in self.records or self.records[rival].maps < self.maps:
+            raise PlannerError(f"nothing can be set against {rival!r}: it has not walked all maps")
         return {
             "scenario": self.scenario.name,
             "flows": self.scenario.flows,
             "maps": self.maps,
             "walks": self.walks,
             "seed": self.seed,
-            "planners": summarise(self.records, self.seed),
+            "rival": rival,
+            "by_minutes": by,
+            "planners": summarise(self.records, self.seed, by, rival),
         }
 
 
 def choose(names: Iterable[str], factories: Mapping[str, PlannerFactory]) -> dict[str, PlannerFactory]:
-    """Pick planners by name; the two that the others are measured against are always among them."""
-    wanted = list(dict.fromkeys([*names, REFERENCE, BOUND]))
+    """Pick planners by name; the three that the others are measured against are always among them."""
+    wanted = list(dict.fromkeys([*names, REFERENCE, RIVAL, BOUND]))
     for name in wanted:
         if name not in factories:
             raise PlannerError(f"unknown planner {name!r}; there are {', '.join(factories)}")
@@ -95,16 +117,18 @@ def compare(
     walks: int,
     seed: int = 0,
     workers: int = 1,
+    destinations: int | None = None,
     on_map: Callable[[int, dict[str, Walked]], None] = lambda _index, _walked: None,
 ) -> Comparison:
     """Compare planners on the maps of these numbers, with ``walks`` walks on each.
 
-    Maps are independent and run on ``workers`` threads, which share one compiled program. Results do not depend on
-    their number. ``on_map`` is called as each map is done.
+    Walks go from corner to corner, or from anywhere to so many ``destinations`` in turn (those of
+    :func:`sidestep.scenarios.worlds.destinations`). Maps are independent and run on ``workers`` threads, which share
+    one compiled program. Results do not depend on their number. ``on_map`` is called as each map is done.
     """
     if not maps or walks < 1 or workers < 1:
         raise PlannerError(f"nothing to compare: {len(maps)} maps, {walks} walks, {workers} workers")
-    one = partial(walk_map, scenario, planners, walks, seed)
+    one = partial(walk_map, scenario, planners, walks, seed, destinations)
     collected: dict[str, list[Walked]] = {name: [] for name in planners}
     # The first map compiles everything; the others then do not compile it a second time beside it.
     pool = ThreadPoolExecutor(workers)
@@ -140,18 +164,36 @@ def _first_then_rest(
 
 
 def walk_map(
-    scenario: Scenario, planners: Mapping[str, PlannerFactory], walks: int, seed: int, index: int
+    scenario: Scenario,
+    planners: Mapping[str, PlannerFactory],
+    walks: int,
+    seed: int,
+    destinations: int | None,
+    index: int,
 ) -> dict[str, Walked]:
     """All planners on map number ``index``."""
     place = draw_map(scenario, seed, index)
-    params = make_environment(scenario, place, "test", walks)
-    todo = instances(scenario, params, walks)
-    found = {}
-    for name, factory in planners.items():
-        planner = factory(place, index)
-        if planner is not None:
-            found[name] = _walked(planner, params, todo, purpose_key(place, "test"))
-    return found
+    goals = None if destinations is None else worlds.destinations(place.parts, destinations)
+    chosen = {name: planner for name, factory in planners.items() if (planner := factory(place, index)) is not None}
+    level = max((planner.sees for planner in chosen.values()), key=LEVELS.index)
+    collected: dict[str, list[Walked]] = {name: [] for name in chosen}
+    parts = math.ceil(walks / CHUNK)
+    size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
+    for part in range(parts):
+        params = make_environment(scenario, place, "test", size, level=level, goals=goals, part=part)
+        todo = instances(scenario, place, params, size, first=part * size, goals=goals)
+        key = purpose_key(place, "test")
+        for name, planner in chosen.items():
+            collected[name].append(_walked(planner, params, todo, jax.random.fold_in(key, part) if part else key))
+    return {
+        name: Walked(
+            planner,
+            np.concatenate([part.minutes for part in collected[name]])[:walks],
+            np.concatenate([part.arrived for part in collected[name]])[:walks],
+            float(np.median([part.decision_us for part in collected[name]])),
+        )
+        for name, planner in chosen.items()
+    }
 
 
 def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array) -> Walked:
@@ -162,7 +204,7 @@ def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array)
     planning = perf_counter() - began
     walked = walk_plan(planner, params, plan, todo, key)
     decisions = max(int(np.sum(walked.steps)), 1)
-    each = _decision_seconds(planner, params, plan, todo, key)
+    each = _decision_seconds(planner, at_level(params, planner.sees), plan, todo, key)
     return Walked(
         planner,
         np.asarray(walked.seconds, np.float64) / 60,

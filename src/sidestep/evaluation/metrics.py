@@ -1,5 +1,6 @@
 """What is reported of walks: means, savings and regrets with bootstrap intervals."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -9,7 +10,7 @@ from jaxtyping import Bool, Float
 from sidestep.environment.types import Level
 
 RESAMPLES = 2_000
-REFERENCE, BOUND = "shortest-path", "clairvoyant"
+REFERENCE, BOUND, RIVAL = "shortest-path", "clairvoyant", "expected"  # rows that the others are set against
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,12 @@ class Record:
         return len(self.minutes)
 
 
+PAPER_COLUMNS = (
+    "planner", "knows", "minutes", "minutes 95 %", "saved", "best map", "regret", "regret 95 %", "arrive",
+    "µs a decision",
+)  # fmt: skip
+
+
 class Row(TypedDict):
     """One planner in ``results.json``; intervals are [low, high], rates and savings are fractions."""
 
@@ -40,22 +47,36 @@ class Row(TypedDict):
     regret_ci95: list[float]
     arrival_rate: float
     decision_us: float
+    median_minutes: float  # of single walks, as is the next
+    p90_minutes: float
+    arrive_by: float | None  # share of the walks that arrive within the minutes asked about
+    difference_minutes: float  # mean less that of the rival, by default `expected`: below zero where faster
+    difference_ci95: list[float]  # paired
 
 
-def summarise(records: dict[str, Record], seed: int = 0) -> dict[str, Row]:
+def summarise(records: dict[str, Record], seed: int = 0, by: float | None = None, rival: str = RIVAL) -> dict[str, Row]:
     """One row per planner, in the shape of ``results.json``.
+
+    ``by`` are the minutes that ``arrive_by`` asks about, ``rival`` is the row that differences are taken to.
 
     ``saving_vs_shortest_path`` is 1 - mean/mean(shortest-path), ``regret`` mean/mean(clairvoyant) - 1. Intervals are
     95 % percentile bootstraps that resample whole maps, or walks where there is one map; the same resamples serve every
     planner, so that ratios are paired. A row that covers fewer maps is set against the same maps of the references.
     """
-    return {name: _row(record, records, seed) for name, record in records.items()}
+    return {name: _row(record, records, seed, by, records[rival].minutes) for name, record in records.items()}
 
 
-def _row(record: Record, records: dict[str, Record], seed: int) -> Row:
+def _row(
+    record: Record,
+    records: dict[str, Record],
+    seed: int,
+    by: float | None,
+    rivals: Float[np.ndarray, "map walk"],
+) -> Row:
     minutes = _units(record.minutes)
     reference = _units(records[REFERENCE].minutes[: record.maps])
     bound = _units(records[BOUND].minutes[: record.maps])
+    rival = _units(rivals[: record.maps])
     again = np.random.default_rng(seed).integers(len(minutes), size=(RESAMPLES, len(minutes)))
     means, bounds = minutes[again].mean(axis=1), bound[again].mean(axis=1)
     return {
@@ -69,25 +90,55 @@ def _row(record: Record, records: dict[str, Record], seed: int) -> Row:
         "regret_ci95": _interval(means / bounds - 1),
         "arrival_rate": float(record.arrived.mean()),
         "decision_us": record.decision_us,
+        **spread(record.minutes, record.arrived, by),
+        "difference_minutes": float(minutes.mean() - rival.mean()),
+        "difference_ci95": _interval(means - rival[again].mean(axis=1)),
     }
 
 
-def cells(name: str, row: Row, maps: int) -> dict[str, str]:
-    """One planner's row as people read it, column by column; ``maps`` is how many the comparison has."""
+class Spread(TypedDict):
+    """How much single walks differ."""
+
+    median_minutes: float
+    p90_minutes: float
+    arrive_by: float | None
+
+
+def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None) -> Spread:
+    """Median, 90 % quantile, and the share that arrives within ``by`` minutes."""
+    return {
+        "median_minutes": float(np.median(minutes)),
+        "p90_minutes": float(np.quantile(minutes, 0.9)),
+        "arrive_by": None if by is None else float((arrived & (minutes <= by)).mean()),
+    }
+
+
+def cells(name: str, row: Row, maps: int, columns: Iterable[str] = ()) -> dict[str, str]:
+    """One planner's row as people read it, column by column; ``maps`` is how many the comparison has.
+
+    By default all columns but those that other tables add.
+    """
     low, high = row["ci95"]
     regret_low, regret_high = row["regret_ci95"]
-    return {
+    less, more = row["difference_ci95"]
+    every = {
         "planner": name if row["maps"] == maps else f"{name} ({row['maps']} maps)",
         "knows": row["level"],
         "minutes": f"{row['mean_minutes']:.1f}",
         "minutes 95 %": f"{low:.1f} to {high:.1f}",
+        "median": f"{row['median_minutes']:.1f}",
+        "90 %": f"{row['p90_minutes']:.1f}",
+        "in time": "" if row["arrive_by"] is None else percent(row["arrive_by"]),
         "saved": percent(row["saving_vs_shortest_path"]),
         "best map": percent(row["best_saving"]),
+        "difference": f"{row['difference_minutes']:+.2f}",
+        "difference 95 %": f"{less:+.2f} to {more:+.2f}",
         "regret": percent(row["regret"], 2),
         "regret 95 %": f"{100 * regret_low:.2f} to {100 * regret_high:.2f}",
         "arrive": percent(row["arrival_rate"]),
         "µs a decision": f"{row['decision_us']:,.1f}",
     }
+    return {column: every[column] for column in columns or PAPER_COLUMNS}
 
 
 def percent(share: float, digits: int = 1) -> str:

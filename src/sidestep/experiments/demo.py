@@ -12,7 +12,9 @@ from sidestep.planners.base import routes
 from sidestep.planners.darp import Darp, OnRound, train_darp
 from sidestep.planners.search import Clairvoyant
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import draw_map, instances, make_environment, purpose_key, scenario
+from sidestep.scenarios.catalogue import scenario
+from sidestep.scenarios.maps import draw_map, purpose_key
+from sidestep.scenarios.worlds import instances, make_environment
 
 SCENARIO = "paper-congested"
 WALKS = 200
@@ -35,12 +37,12 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     darp = train_darp(PRESETS["default"], problem, place, on_round)
     comparison = compare(problem, {**BASELINES, Darp.name: lambda *_: darp}, maps=[0], walks=WALKS, seed=seed)
     params = make_environment(problem, place, "test", WALKS)
-    walk = instances(problem, params, 1)
+    walk = instances(problem, place, params, 1)
     shown = {
         planner.name: routes(planner, params, walk, purpose_key(place, "test"), TRACE)[0]
         for planner in (ShortestPath(), darp, Clairvoyant())
     }
     picture = out / "map.png"
     title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
-    figures.save(figures.crowded_map(title, params, np.asarray(place.flow.initial), shown), picture)
+    figures.save(figures.crowded_map(title, params, np.asarray(place.flow.expected(1).volume[0]), shown), picture)
     return Demonstration(comparison, darp, picture)

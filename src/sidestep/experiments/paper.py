@@ -61,7 +61,8 @@ from sidestep.experiments import figures, report
 from sidestep.files import write_text
 from sidestep.planners.base import Planner
 from sidestep.planners.darp import Darp, train_darp
-from sidestep.scenarios import CrowdedMap, Flows, Scenario, scenario
+from sidestep.scenarios.catalogue import Flows, Scenario, scenario
+from sidestep.scenarios.maps import CrowdedMap
 from sidestep.travel_time import CrossingRule
 
 CONDITIONS = {"unblocked": "paper-unblocked", "congested": "paper-congested"}

@@ -1,11 +1,11 @@
 """Crowds on a whole network: how many people are on each segment in each slot."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
 
 from sidestep.flow.arima import Arima, forecast, simulate
 from sidestep.network.graph import RoadNetwork
@@ -28,6 +28,7 @@ class FlowField(eqx.Module):
         return self.volume / (network.length * network.width)
 
 
+@runtime_checkable
 class FlowModel(Protocol):
     """A source of crowds for one network."""
 
@@ -37,6 +38,10 @@ class FlowModel(Protocol):
 
     def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
         """Possible futures, with a leading axis of ``crowds``."""
+        ...
+
+    def ahead(self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int) -> Float[Array, "slots segment"]:
+        """The forecast of slot number ``slot`` and those after it, made when its volumes ``now`` are counted."""
         ...
 
 
@@ -57,6 +62,11 @@ class ArimaFlow(eqx.Module):
         innovations = jax.random.normal(key, (slots - 1, crowds, self.initial.shape[0]))
         history = jnp.broadcast_to(self.initial, (1, crowds, self.initial.shape[0]))
         return self._field(simulate(self.model, history, innovations))
+
+    def ahead(self, now: Float[Array, " segment"], _slot: Int[Array, ""], slots: int) -> Float[Array, "slots segment"]:
+        """The model's forecast; the counts of now are all that an AR(1) needs to know."""
+        volume = jnp.concatenate([now[None], forecast(self.model, now[None], slots - 1)])
+        return jnp.maximum(volume, self.floor)
 
     def _field(self, later: Float[Array, "later *crowd segment"]) -> FlowField:
         now = jnp.broadcast_to(self.initial, later.shape[1:])[None]

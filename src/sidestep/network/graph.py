@@ -1,6 +1,6 @@
 """The road network: nodes where streets meet, and directed segments between them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -119,6 +119,34 @@ def road_network(
             raise NetworkError(f"segments {exit_segment[start, way]} and {segment} share exit {way} of node {start}")
         exit_node[start, way], exit_segment[start, way] = head[segment], segment
     return RoadNetwork(*map(jnp.asarray, (position, exit_node, exit_segment, tail, head, length, width)))
+
+
+def side_by_side(networks: Sequence[RoadNetwork]) -> RoadNetwork:
+    """Several networks as one, with no street between them: their nodes and segments one after the other."""
+    if len(networks) == 1:
+        return networks[0]
+    exits = max(network.exits for network in networks)
+    nodes = np.cumsum([0, *(network.nodes for network in networks)])
+    segments = np.cumsum([0, *(network.segments for network in networks)])
+
+    def shifted(table: Array, by: int) -> np.ndarray:
+        padded = np.full((table.shape[0], exits), ABSENT, np.int32)
+        padded[:, : table.shape[1]] = table
+        return np.where(padded == ABSENT, ABSENT, padded + by)
+
+    def joined(parts: Iterable[np.ndarray]) -> Array:
+        return jnp.asarray(np.concatenate(list(parts)))
+
+    counted = list(zip(networks, nodes.tolist(), segments.tolist(), strict=False))
+    return RoadNetwork(
+        position=joined(np.asarray(network.position) for network in networks),
+        exit_node=joined(shifted(network.exit_node, node) for network, node, _ in counted),
+        exit_segment=joined(shifted(network.exit_segment, segment) for network, _, segment in counted),
+        tail=joined(np.asarray(network.tail) + np.int32(node) for network, node, _ in counted),
+        head=joined(np.asarray(network.head) + np.int32(node) for network, node, _ in counted),
+        length=joined(np.asarray(network.length) for network in networks),
+        width=joined(np.asarray(network.width) for network in networks),
+    )
 
 
 def _check_segments(tail: np.ndarray, head: np.ndarray, length: np.ndarray, width: np.ndarray, nodes: int) -> None:

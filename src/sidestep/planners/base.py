@@ -12,7 +12,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Int, Key, PyTree
 
 from sidestep.environment.dynamics import random_exit
-from sidestep.environment.types import EnvParams, Instance, Level, Observation
+from sidestep.environment.knowledge import check_known
+from sidestep.environment.observation import at_level
+from sidestep.environment.types import EnvParams, Instance, Level, Observation, Seen
 from sidestep.environment.walk import Walk, walk
 
 
@@ -30,14 +32,19 @@ DecideByPlan = Callable[[Any, Any, Observation, Key[Array, ""]], Int[Array, ""]]
 class Planner(Protocol):
     """Decides at every crossing which exit to take.
 
-    ``level`` says what the planner may know. Whatever it knows of map and crowds beforehand enters through
-    :meth:`plan`; on the way ``decide`` sees the observation alone, as a pure function of one walker (``jax.vmap`` makes
-    many). It is static, so that planners which decide alike share one compiled program.
+    ``level`` says what the planner may know, ``sees`` what it looks at on the way. Whatever it knows of map and crowds
+    beforehand enters through :meth:`plan`; on the way ``decide`` sees the observation alone, as a pure function of one
+    walker (``jax.vmap`` makes many). It is static, so that planners which decide alike share one compiled program.
     """
 
     name: ClassVar[str]
-    level: ClassVar[Level]
     decide: ClassVar[DecideByPlan]  # (plan.shared, plan.own of this walk, observation, key) -> exit
+
+    @property
+    def level(self) -> Level: ...
+
+    @property
+    def sees(self) -> Seen: ...
 
     def plan(self, params: EnvParams, instances: Instance, /) -> Plan:
         """Prepare walks; ``instances`` has a leading axis of walks."""
@@ -77,6 +84,8 @@ def walk_plan(
 ) -> Walk:
     """Walk all instances as planned; the same key gives every planner the same random numbers."""
     keys = jax.random.split(key, instances.origin.shape[0])
+    params = at_level(params, planner.sees)
+    check_known(params, instances)
     return _walks(planner.decide, params, plan, instances, keys, trace)
 
 

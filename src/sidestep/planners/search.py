@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.types import EnvParams, Instance, Level, one_crowd
+from sidestep.environment.types import EnvParams, Instance, Level, Seen, one_crowd
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 from sidestep.travel_time import CrossingRule, SpeedField, crossing_time
@@ -83,6 +83,7 @@ class Expected:
 
     name: ClassVar[str] = "expected"
     level: ClassVar[Level] = "map"
+    sees: ClassVar[Seen] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
@@ -94,6 +95,7 @@ class Clairvoyant:
 
     name: ClassVar[str] = "clairvoyant"
     level: ClassVar[Level] = "hindsight"
+    sees: ClassVar[Seen] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 import rustworkx
 
-from sidestep.environment.types import EnvParams, Instance, Level
+from sidestep.environment.types import EnvParams, Instance, Level, Seen
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 
@@ -19,6 +19,7 @@ class ShortestPath:
 
     name: ClassVar[str] = "shortest-path"
     level: ClassVar[Level] = "map"
+    sees: ClassVar[Seen] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:

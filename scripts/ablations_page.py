@@ -1,0 +1,104 @@
+"""Train with one thing changed at a time, compare, and write docs/ablations.md.
+
+Usage: python scripts/ablations_page.py FOLDER
+
+Models and comparisons that are in FOLDER already are not made again.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
+from sidestep.evaluation.metrics import percent
+from sidestep.files import write_text
+from sidestep.planners.darp import load_planners
+from sidestep.scenarios.catalogue import BUILT_IN
+
+DOCS = Path(__file__).parents[1] / "docs"
+SCENARIO = "rush-16"
+LEVELS = {"local": "greedy-local", "map": "greedy-map"}  # and the planner that an untrained agent is
+VARIANTS: dict[str, tuple[str, ...]] = {
+    "default": (),
+    "no-dueling": ("--no-dueling",),
+    "no-double": ("--no-double",),
+    "prioritised": ("--alpha", "0.6"),
+    "one-step": ("--n-step", "1"),
+    "six-steps": ("--n-step", "6"),
+    "no-potential": ("--no-potential",),
+    "gamma-0.99": ("--gamma", "0.99"),
+    "dqn": ("--preset", "dqn"),
+}
+PAGE = """# Ablations
+
+```sh
+python scripts/ablations_page.py ablations   # trains {models} agents in the folder ablations/, writes this page
+```
+
+One thing changed at a time, on `rush-16` (map 0, seed 0): the agents walk the same {walks} held-out walks, corner to
+corner; *over* are paired differences in minutes with 95 % intervals, below zero where faster. Each agent was trained
+once, so differences of about 0.3 minutes between rows may be chance.
+
+- `default`: n-step returns of {steps}, dueling, double, uniform replay, Q as a correction to the level's estimate.
+- `no-potential`: Q is learned from nothing (`--no-potential`); the estimate remains one of the inputs.
+- `dqn`: no dueling heads, no double Q-learning, uniform replay (`--preset dqn`).
+
+"""
+
+
+def main(folder: Path) -> None:
+    """Train, compare, write."""
+    page, results = "", {}
+    for level, untrained in LEVELS.items():
+        target = folder / f"{level}.json"
+        if not target.exists():
+            write_text(target, json.dumps(run(folder, level, untrained), indent=2) + "\n")
+        results[level] = json.loads(target.read_text(encoding="utf-8"))
+        page += f"\n## Level `{level}`\n\n"
+        page += (
+            f"| agent | options of `train` | minutes | over `expected` | 95 % | over `{untrained}` | 95 % | regret |\n"
+        )
+        page += "|---|---|--:|--:|--:|--:|--:|--:|\n"
+        for name, row in results[level]["planners"].items():
+            options = " ".join(VARIANTS.get(name.removeprefix("darp-"), ())) if name.startswith("darp") else ""
+            page += f"| {name} | {options and f'`{options}`'} | {row['minutes']:.1f} | "
+            page += " | ".join(f"{each[0]:+.2f} | {each[1]:+.2f} to {each[2]:+.2f}" for each in row["over"])
+            page += f" | {percent(row['regret'], 2)} |\n"
+    first = results["local"]
+    steps = " and ".join(f"{results[level]['steps']} at level `{level}`" for level in LEVELS)
+    head = PAGE.format(models=len(VARIANTS) * len(LEVELS), walks=first["walks"], steps=steps)
+    write_text(DOCS / "ablations.md", head + page.lstrip())
+
+
+def run(folder: Path, level: str, untrained: str) -> dict[str, object]:
+    """One level: all variants in one comparison."""
+    models, steps = [], 0
+    for name, options in VARIANTS.items():
+        model = folder / level / name
+        if not (model / "trained.json").exists():
+            command = [sys.executable, "-m", "sidestep", "train", SCENARIO, "--level", level, *options]
+            done = subprocess.run([*command, "--out", str(model), "--json"], check=True, capture_output=True, text=True)
+            write_text(model / "trained.json", done.stdout)
+        if name == "default":
+            steps = json.loads((model / "trained.json").read_text(encoding="utf-8"))["config"]["n_step"]
+        models.append(model)
+    problem = BUILT_IN[SCENARIO]
+    learned = load_planners(models, problem, seed=0)
+    names = [*learned.factories, untrained]
+    chosen = choose(names, {**BASELINES, **REPLANNING, **learned.factories})
+    compared = compare(problem, chosen, maps=[0], walks=problem.walks)
+    rivals = [compared.as_json(rival=rival)["planners"] for rival in ("expected", untrained)]
+    planners = {
+        name: {
+            "minutes": rivals[0][name]["mean_minutes"],
+            "regret": rivals[0][name]["regret"],
+            "over": [[rows[name]["difference_minutes"], *rows[name]["difference_ci95"]] for rows in rivals],
+        }
+        for name in [*names, "expected"]
+    }
+    return {"walks": problem.walks, "steps": steps, "planners": planners}
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,207 @@
+"""Train an agent at every level, compare it with the planners that know as much, and write docs/levels.md.
+
+Usage: python scripts/levels_page.py FOLDER [--walks N] [SCENARIO ...]
+
+Models that are in FOLDER already are not trained again, and comparisons that are there are not walked again. The page
+is written when all scenarios have been compared.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import perf_counter
+
+from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
+from sidestep.evaluation.metrics import Row, cells
+from sidestep.files import write_text
+from sidestep.planners.darp import load_planners
+from sidestep.scenarios.catalogue import BUILT_IN
+
+DOCS = Path(__file__).parents[1] / "docs"
+LEVELS = {
+    "paper-unblocked": ("local",),
+    "paper-congested": ("local",),
+    "rush-16": ("local", "map", "live"),
+    "rush-32": ("live",),
+    "shifting-crowds": ("local",),
+    "unseen-maps": ("map",),
+}
+PLANNERS = (
+    "shortest-path", "greedy-local", "expected", "greedy-map", "snapshot", "forecast", "clairvoyant",
+)  # fmt: skip
+COLUMNS = (
+    "planner", "knows", "minutes", "median", "90 %", "difference", "difference 95 %", "regret", "arrive",
+)  # fmt: skip
+PAGE = """# Four levels of knowledge
+
+```sh
+python scripts/levels_page.py levels   # trains all agents (folder levels/), walks all comparisons, writes this page
+```
+
+One algorithm at four levels. Every planner states what it knows and is set beside those that know as much.
+
+| level | the walker sees (`sidestep.environment.types.Observation`) | estimates the time to its destination as | planners of the level |
+|---|---|---|---|
+| `position` | its crossing, x and y in metres, which exits there are | not at all | `random-walk`, `random-progress` |
+| `local` | + the clock, s; where the destination lies, m; of each street that leaves: length, m, the time to cross it at the speed seen on it now, s, where it leads, m; how long ago each next crossing was left (it remembers eight) | the time to cross each street as seen now, and a straight line at free speed | `greedy-local` |
+| `map` | + the usual time to cross each street now, s; the expected time to go from each next crossing at the time of reaching it, s | the time to cross as seen now, and the fastest way through the expected crowds | `shortest-path`, `expected`, `greedy-map` |
+| `live` | + the time over each street if all crowds stay as counted now, and if they go on as forecast from the counts, s | the forecast | `snapshot`, `forecast` |
+| hindsight | the future | | `clairvoyant`, the bound |
+
+Beyond `position` the network scores street by street: Q(street) = -estimate + V(state) + A(street) - mean A, with one
+small network for all streets of all crossings. The last layers begin at zero, so an untrained agent walks exactly like
+`greedy-local`, `greedy-map` or `forecast` (a test holds that): what is learned is what is gained over them. Where the
+map is always the same, the agents of the levels `local` and `map` also remember four to eight numbers for each crossing
+and quarter of an hour; then they can walk that map only. `live` and everything that is trained on several maps
+remembers none, and can walk any map.
+
+Times to go are time-dependent potentials ([`environment/potentials.py`](../src/sidestep/environment/potentials.py)):
+one pass by decreasing time for all origins and departures. They are linear within slots of five minutes; against exact
+search they are off by 0.03 % in the mean and 1.8 % at most (60 random origins and departures, 256 nodes).
+
+Agents train on crowds of their own. Those of the walks below come from another random stream (`learn` and `test` are
+part of every key), and the maps of `unseen-maps` from another stream than those trained on. Differences are paired walk
+by walk; intervals are 95 % bootstraps over walks, or over maps where there are several. Walks that have not arrived by
+the horizon count as the horizon. The live feed (snapshots and forecasts of every slot) is worked out before the walks,
+1 ms a slot for 256 crossings and 5 ms for 1,024.
+
+## Goals
+
+"""
+HEAD = "| planner | knows | minutes | median | 90 % in | over `expected` | 95 % | regret | arrive |\n"
+HEAD += "|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What was aimed at: a row that is to be faster than another, or part of the way from one to the next."""
+
+    scenario: str
+    row: str
+    text: str
+    rival: str
+    towards: str = ""  # a share of the way from `rival` to here
+    share: float = 0.0
+    strictly: bool = True  # the whole interval below zero, or only its mean not above
+
+
+GOALS = [
+    Goal("paper-unblocked", "darp", "not slower than `expected`", "expected", strictly=False),
+    Goal("paper-unblocked", "darp", "aim: half of the way from `expected` to `forecast`", "expected", "forecast", 0.5),
+    Goal("paper-congested", "darp", "not slower than `expected`", "expected", strictly=False),
+    Goal("paper-congested", "darp", "aim: half of the way from `expected` to `forecast`", "expected", "forecast", 0.5),
+    Goal("rush-16", "darp-local", "faster than `expected`", "expected"),
+    Goal("rush-16", "darp-local", "aim: not slower than `snapshot`", "snapshot", strictly=False),
+    Goal("rush-16", "darp-map", "faster than `expected`", "expected"),
+    Goal("rush-16", "darp-map", "faster than untrained (`greedy-map`)", "greedy-map"),
+    Goal("rush-16", "darp-live", "not slower than `forecast`", "forecast", strictly=False),
+    Goal("rush-16", "darp-live", "aim: faster than `forecast`", "forecast"),
+    Goal("rush-32", "darp", "not slower than `forecast`", "forecast", strictly=False),
+    Goal("rush-32", "darp", "aim: faster than `forecast`", "forecast"),
+    Goal(
+        "shifting-crowds", "darp", "half of the way from `greedy-local` to `snapshot`", "greedy-local", "snapshot", 0.5
+    ),
+    Goal("unseen-maps", "darp", "faster than `expected`", "expected"),
+]
+
+
+def main() -> None:
+    """Train, compare, write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("scenarios", nargs="*", default=list(LEVELS))
+    parser.add_argument("--walks", type=int, default=None)
+    options = parser.parse_args()
+    for name in options.scenarios:
+        run(name, LEVELS[name], options.folder, options.walks)
+    if all((options.folder / f"{name}.json").exists() for name in LEVELS):
+        write_page(options.folder)
+
+
+def run(name: str, levels: Sequence[str], folder: Path, walks: int | None) -> None:
+    """One scenario: its models, then one comparison of all."""
+    target = folder / f"{name}.json"
+    if target.exists():
+        return
+    models, seconds = [], {}
+    for level in levels:
+        model = folder / name / level
+        if not (model / "trained.json").exists():
+            command = [sys.executable, "-m", "sidestep", "train", name, "--level", level, "--out", str(model), "--json"]
+            began = perf_counter()
+            trained = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+            trained["process_seconds"] = perf_counter() - began
+            write_text(model / "trained.json", json.dumps(trained))
+        trained = json.loads((model / "trained.json").read_text(encoding="utf-8"))
+        seconds[level] = {key: trained[key] for key in ("process_seconds", "steps_per_second", "updates_per_second")}
+        seconds[level]["rounds"] = len(trained["curve_minutes"])
+        models.append(model)
+    problem = BUILT_IN[name]
+    learned = load_planners(models, problem, seed=0)
+    every = {**BASELINES, **REPLANNING, **learned.factories}
+    names = [*PLANNERS, *learned.factories]
+    paper = not problem.rush
+    count = walks or (500 if paper else problem.walks)
+    compared = compare(
+        problem, choose(names, every), maps=[0] if learned.index is not None else range(problem.maps), walks=count
+    )
+    results = {"trained": seconds, **compared.as_json()}
+    results["goals"] = [{**asdict(goal), **judged(goal, compared)} for goal in GOALS if goal.scenario == name]
+    write_text(target, json.dumps(results, indent=2) + "\n")
+
+
+def judged(goal: Goal, compared: object) -> dict[str, object]:
+    """The paired difference that a goal is about, and whether it is met."""
+    rows = compared.as_json(rival=goal.rival)["planners"]
+    row = rows[goal.row]
+    less, more = row["difference_ci95"]
+    difference = row["difference_minutes"]
+    if goal.towards:
+        share = difference / rows[goal.towards]["difference_minutes"]
+        return {"found": f"{100 * share:.0f} % of the way", "met": share >= goal.share}
+    met = more < 0 if goal.strictly else difference <= 0 or less <= 0
+    return {"found": f"{difference:+.2f} min ({less:+.2f} to {more:+.2f})", "met": met}
+
+
+def write_page(folder: Path) -> None:
+    """docs/levels.md from the numbers in the folder."""
+    page = PAGE
+    results = {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in LEVELS}
+    page += "| scenario | agent | goal | measured | |\n|---|---|---|---|---|\n"
+    for name, found in results.items():
+        for goal in found["goals"]:
+            met = "met" if goal["met"] else "**missed**"
+            page += f"| {name} | {goal['row']} | {goal['text']} | {goal['found']} | {met} |\n"
+    page += "\n## Results\n"
+    for name, found in results.items():
+        page += section(name, found)
+    write_text(DOCS / "levels.md", page)
+
+
+def section(name: str, found: dict[str, object]) -> str:
+    """One scenario's table."""
+    maps, walks = found["maps"], found["walks"]
+    text = f"\n### {name}\n\n{BUILT_IN[name].summary[0].upper()}{BUILT_IN[name].summary[1:]}. "
+    text += f"{maps} map{'s' * (maps > 1)}, {walks} walks{' on each' * (maps > 1)}.\n\n"
+    for level, cost in found["trained"].items():
+        text += (
+            f"`sidestep train {name} --level {level}`: {cost['process_seconds']:.0f} s from process start "
+            f"({cost['rounds']} rounds, {cost['steps_per_second']:,.0f} transitions and "
+            f"{cost['updates_per_second']:,.0f} updates a second).\n\n"
+        )
+    text += HEAD
+    rows: dict[str, Row] = found["planners"]
+    for planner, row in sorted(rows.items(), key=lambda item: -item[1]["mean_minutes"]):
+        texts = cells(planner, row, maps, COLUMNS)
+        if planner.startswith("darp"):
+            texts["planner"] = f"**{planner}**"
+        text += f"| {' | '.join(texts.values())} |\n"
+    return text
+
+
+if __name__ == "__main__":
+    main()

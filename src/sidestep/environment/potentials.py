@@ -1,0 +1,114 @@
+"""Time-to-go potentials: from every node, at every time, the least time to a goal through changing crowds.
+
+One pass by decreasing order of time (Chabini 1998, doi:10.3141/1645-21) serves all origins and all departures. Time is
+known at the beginning of every slot and taken to be linear in between; crossings shorter than a slot lead back into it,
+which a short iteration settles. Exact where speeds do not change.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from sidestep.network.graph import RoadNetwork
+from sidestep.travel_time import CrossingRule, SpeedField, crossing_time_in
+
+UNREACHABLE = 1e9  # s; finite, so that it can be interpolated
+SETTLED = 0.01  # s
+
+
+def crossing_times(
+    field: SpeedField, length: Float[Array, " segment"], rule: CrossingRule = "integrated"
+) -> Float[Array, "slot segment"]:
+    """Seconds to cross each segment, entered as each slot begins."""
+    clocks = jnp.arange(field.slots) * field.slot_seconds
+    enter = jax.vmap(partial(crossing_time_in, rule=rule), in_axes=(0, 0, None, 0, None))
+    return jax.lax.map(lambda clock: enter(field.speed, field.covered, field.slot_seconds, length, clock), clocks)
+
+
+def unchanging_to_go(
+    network: RoadNetwork, crossing: Float[Array, " segment"], goal: Bool[Array, " node"]
+) -> Float[Array, " node"]:
+    """Seconds from every node to the nearest goal if crossing times stay what they are (Bellman and Ford)."""
+    onward = jnp.where(network.valid, crossing[network.exit_segment], UNREACHABLE)
+    start = jnp.where(goal, 0.0, UNREACHABLE)
+
+    def improve(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        to_go, _ = carry
+        better = jnp.minimum(to_go, jnp.min(onward + to_go[network.exit_node], axis=1))
+        return better, (better < to_go).any()
+
+    return jax.lax.while_loop(lambda carry: carry[1], improve, (start, jnp.bool_(True)))[0]
+
+
+def time_to_go(
+    network: RoadNetwork,
+    crossing: Float[Array, "slot segment"],
+    slot_seconds: float,
+    goal: Bool[Array, " node"],
+    later: Float[Array, " node"],
+) -> Float[Array, "slot node"]:
+    """Seconds from every node to the nearest goal, as each slot begins.
+
+    Parameters
+    ----------
+    crossing
+        Seconds to cross each segment, entered as each slot begins.
+    goal
+        Which nodes are destinations; 0 s there. Where there is no way, at least ``UNREACHABLE``.
+    later
+        Seconds to go after the last of the slots.
+    """
+    slots = crossing.shape[0]
+    head, valid = network.exit_node, network.valid
+    start = jnp.broadcast_to(later, (slots + 1, network.nodes))
+
+    def one_slot(table: Array, now: tuple[Array, Array]) -> tuple[Array, None]:
+        slot, seconds = now
+        seconds = seconds[network.exit_segment]
+        ahead = seconds / slot_seconds
+        whole = jnp.floor(ahead)
+        part = ahead - whole
+        before = slot + whole.astype(jnp.int32)
+        beyond = jnp.minimum(before + 1, slots)
+        # Within this slot: to-go at its beginning is what is sought, and only at its end is it known.
+        within = before == slot
+        known = jnp.where(within, 0.0, (1 - part) * table[jnp.minimum(before, slots), head])
+        known = jnp.where(valid, seconds + known + part * table[beyond, head], UNREACHABLE)
+        weight = jnp.where(within, 1 - part, 0.0)
+
+        def settle(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+            to_go, _ = carry
+            found = jnp.where(goal, 0.0, jnp.min(known + weight * to_go[head], axis=1))
+            found = jnp.minimum(found, UNREACHABLE)
+            return found, jnp.max(jnp.abs(found - to_go))
+
+        to_go, _ = jax.lax.while_loop(lambda carry: carry[1] > SETTLED, settle, (table[slot + 1], jnp.float32(jnp.inf)))
+        return table.at[slot].set(to_go), None
+
+    table, _ = jax.lax.scan(one_slot, start, (jnp.arange(slots), crossing), reverse=True)
+    return table[:-1]
+
+
+def field_to_go(
+    network: RoadNetwork, field: SpeedField, goal: Bool[Array, " node"], rule: CrossingRule = "integrated"
+) -> Float[Array, "slot node"]:
+    """:func:`time_to_go` through a whole field, whose last slot lasts for ever."""
+    crossing = crossing_times(field, network.length, rule)
+    for_ever = unchanging_to_go(network, network.length / field.speed[:, -1], goal)
+    return time_to_go(network, crossing, field.slot_seconds, goal, for_ever)
+
+
+def at_clock(
+    table: Float[Array, "slot node"],
+    slot_seconds: float,
+    clock: Float[Array, " n"],
+    node: Int[Array, " n"],
+) -> Float[Array, " n"]:
+    """Seconds to go from nodes at clocks, linear between the beginnings of slots."""
+    last = table.shape[0] - 1
+    position = jnp.clip(clock / slot_seconds, 0.0, last)
+    slot = jnp.floor(position).astype(jnp.int32)
+    part = position - slot
+    return (1 - part) * table[slot, node] + part * table[jnp.minimum(slot + 1, last), node]

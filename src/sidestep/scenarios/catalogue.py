@@ -1,0 +1,168 @@
+"""Which problems there are, by name: streets, crowds, speed law, walks."""
+
+import difflib
+import math
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal, get_args
+
+from sidestep.environment.types import LEVELS, RewardWeights, Seen
+from sidestep.errors import SidestepError
+from sidestep.flow.field import SLOT_SECONDS
+from sidestep.network.grid import LENGTHS
+from sidestep.travel_time import CROSSING_RULES, Aoki, CrossingRule, SpeedLaw, Weidmann
+
+Flows = Literal["arima", "forecast"]
+Law = Literal["power", "power-capped", "weidmann"]
+LAWS: dict[str, SpeedLaw] = {"power": Aoki(capped=False), "power-capped": Aoki(capped=True), "weidmann": Weidmann()}
+
+
+class ScenarioError(SidestepError):
+    """A scenario that is unknown or cannot be: says what is wrong."""
+
+
+@dataclass(frozen=True)
+class RushHours:
+    """How crowds come and go, street by street (:class:`sidestep.flow.rush.RushFlow`)."""
+
+    amplitude: tuple[float, float] = (0.2, 0.8)  # of the logarithm of volume, uniform per street
+    period: float = 240 * 60.0  # s
+    memory: float = 0.9  # of the noise, from slot to slot
+    deviation: float = 0.4  # of the logarithm
+    shifting: bool = False  # crowded nodes are drawn anew for every walk
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A whole problem. The defaults are the paper's (section V-A), or stand for what it leaves open."""
+
+    name: str
+    summary: str
+    side: int = 6  # nodes along one side of the grid
+    lengths: tuple[float, float] = LENGTHS  # m, uniform per street
+    volumes: tuple[float, float] = (200.0, 1000.0)  # persons at clock 0, uniform per segment
+    crowded_nodes: int = 0  # the paper: "several"; origin and destination are never among them
+    crowded_volume: tuple[float, float] = (5000.0, math.sqrt(1000.0))  # mean and standard deviation, persons
+    flows: Flows = "arima"  # with the model's noise, or its forecast only
+    slot_seconds: float = SLOT_SECONDS
+    horizon: float = 24 * 3600.0  # s; a walk that has not arrived counts as this
+    law: Law = "power"  # literal: above free speed where there is less than a person per m²
+    rule: CrossingRule = "integrated"
+    reward: RewardWeights = field(default_factory=RewardWeights)
+    rush: RushHours | None = None  # instead of the ARIMA model
+    departures: tuple[float, float] = (0.0, 0.0)  # s, earliest and latest
+    larger: tuple[int, ...] = ()  # sides of further maps: map number i has the i-th, in turn
+    training_maps: int = 0  # other maps to learn on; 0 learns the map itself
+    level: Seen = "position"  # of the agents that learn it, unless told otherwise
+    maps: int = 10  # of a comparison, unless told otherwise
+    walks: int = 20  # on each of them
+
+    def __post_init__(self) -> None:
+        if self.side < 2:
+            raise ScenarioError(f"side must be at least 2 nodes, not {self.side}")
+        if not 0 <= self.crowded_nodes <= self.side**2 - 2:
+            raise ScenarioError(
+                f"crowded nodes must be between 0 and {self.side**2 - 2} on a grid of {self.side} x {self.side}, "
+                f"not {self.crowded_nodes}"
+            )
+        for name, allowed in (
+            ("flows", get_args(Flows)),
+            ("law", tuple(LAWS)),
+            ("rule", CROSSING_RULES),
+            ("level", LEVELS),
+        ):
+            if getattr(self, name) not in allowed:
+                raise ScenarioError(f"{name} must be one of {', '.join(allowed)}, not {getattr(self, name)!r}")
+        for name, (low, high) in (("lengths", self.lengths), ("volumes", self.volumes)):
+            if not (0 < low <= high < math.inf):
+                raise ScenarioError(f"{name} must be two positive numbers in order, not {low} and {high}")
+        mean, deviation = self.crowded_volume
+        if not (0 < mean < math.inf and 0 <= deviation < math.inf):
+            raise ScenarioError(f"crowded_volume must be a positive mean and a deviation, not {mean} and {deviation}")
+        for name in ("slot_seconds", "horizon"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise ScenarioError(f"{name} must be a positive number of seconds, not {getattr(self, name)}")
+
+    @property
+    def origin(self) -> int:
+        """Where walks on a map of the first size begin: the lower left corner."""
+        return 0
+
+    @property
+    def destination(self) -> int:
+        """Where they end: the upper right corner."""
+        return self.side**2 - 1
+
+    @property
+    def sides(self) -> tuple[int, ...]:
+        """Sides of the maps, in turn."""
+        return (self.side, *self.larger)
+
+    @property
+    def slots(self) -> int:
+        """Slots that the horizon spans."""
+        return math.ceil(self.horizon / self.slot_seconds)
+
+
+_RUSH: dict[str, Any] = {
+    "side": 16,
+    "crowded_nodes": 28,  # one in nine
+    "crowded_volume": (5000.0, 1000.0),
+    "rush": RushHours(),
+    "departures": (0.0, 3600.0),
+    "law": "power-capped",
+    "horizon": 6 * 3600.0,
+    "reward": RewardWeights(progress=0.0, bonus=0.0),
+    "level": "local",
+    "maps": 1,
+    "walks": 500,
+}
+BUILT_IN = {
+    scenario.name: scenario
+    for scenario in (
+        Scenario("paper-unblocked", "the paper's 5 x 5 blocks, all segments with 200 to 1,000 people"),
+        Scenario("paper-congested", "the same with the segments at four nodes crowded by 5,000", crowded_nodes=4),
+        Scenario("rush-16", "16 x 16 nodes, every street with rush hours of its own and noise", **_RUSH),
+        Scenario(
+            "rush-32",
+            "the same with 32 x 32 nodes",
+            **_RUSH | {"side": 32, "crowded_nodes": 114, "horizon": 12 * 3600.0},
+        ),
+        Scenario(
+            "shifting-crowds",
+            "rush-16 with the crowded nodes elsewhere on every walk",
+            **_RUSH | {"rush": RushHours(shifting=True), "horizon": 8 * 3600.0},
+        ),
+        Scenario(
+            "unseen-maps",
+            "rush hours on maps that were never walked, some of them larger",
+            **_RUSH
+            | {
+                "side": 10,
+                "crowded_nodes": 11,
+                "larger": (14, 18),
+                "training_maps": 32,
+                "level": "map",
+                "maps": 12,
+                "walks": 50,
+            },
+        ),
+    )
+}
+
+
+def scenario(name: str, **changes: object) -> Scenario:
+    """A built-in scenario, with some fields changed.
+
+    Raises
+    ------
+    ScenarioError
+        Unknown names and impossible values.
+    """
+    if name not in BUILT_IN:
+        close = difflib.get_close_matches(name, BUILT_IN, n=1)
+        hint = f"; did you mean {close[0]}?" if close else f"; there are {', '.join(BUILT_IN)}"
+        raise ScenarioError(f"unknown scenario {name!r}{hint}")
+    unknown = changes.keys() - {known.name for known in fields(Scenario)}
+    if unknown:
+        raise ScenarioError(f"a scenario has no field {', '.join(sorted(unknown))}")
+    return replace(BUILT_IN[name], **changes)  # type: ignore[arg-type]

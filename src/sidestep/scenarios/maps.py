@@ -1,0 +1,124 @@
+"""Maps of a scenario, drawn from a seed: streets, and the crowds that are usual on them."""
+
+import hashlib
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Key
+
+from sidestep.flow.arima import change_step, load_fitted
+from sidestep.flow.field import ArimaFlow, FlowModel
+from sidestep.flow.rush import RushFlow, ShiftingFlow
+from sidestep.network.graph import RoadNetwork, side_by_side
+from sidestep.network.grid import grid_network
+from sidestep.scenarios.catalogue import Scenario, ScenarioError
+
+Purpose = Literal["learn", "explore", "test"]
+PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
+
+
+class CrowdedMap(eqx.Module):
+    """Streets, and the crowds on them with the model that moves them.
+
+    Several maps side by side, with no street between them, are one: ``parts`` are the nodes of each.
+    """
+
+    network: RoadNetwork
+    flow: FlowModel
+    key: Key[Array, ""]  # of this map; futures and training fold their purpose into it
+    parts: tuple[int, ...] = eqx.field(static=True)
+
+
+def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
+    """Map number ``index`` of a seed; the same for every planner and for every kind of flow."""
+    if min(seed, index) < 0:
+        raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
+    # A key made of plain numbers needs no compiled program.
+    key = jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
+    streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))
+    return _crowded_map(scenario, [streets], key)
+
+
+def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
+    """What an agent learns on that will walk map number ``index``: that map, or others, as the scenario says.
+
+    The others are drawn from another stream than all maps that agents are compared on.
+    """
+    here = draw_map(scenario, seed, index)
+    if not scenario.training_maps:
+        return here
+    rngs = [np.random.default_rng([seed, number, _LEARN]) for number in range(scenario.training_maps)]
+    return _crowded_map(scenario, [_Streets.draw(scenario, scenario.side, rng) for rng in rngs], here.key)
+
+
+_LEARN = 1  # a third number makes another stream: no map that is compared on has one
+
+
+@dataclass(frozen=True)
+class _Streets:
+    """One map while it is being drawn."""
+
+    network: RoadNetwork
+    volume: np.ndarray  # persons on each segment, without waves or noise
+    waves: np.ndarray  # amplitude and phase of each segment
+
+    @staticmethod
+    def draw(scenario: Scenario, side: int, rng: np.random.Generator) -> "_Streets":
+        network = grid_network(side, rng, scenario.lengths)
+        tail, head = np.asarray(network.tail), np.asarray(network.head)
+        volume = rng.uniform(*scenario.volumes, network.segments)
+        crowded_nodes = _crowded_nodes(scenario, network.nodes)
+        crowded = rng.choice(np.arange(1, network.nodes - 1), crowded_nodes, replace=False)
+        if scenario.rush is None or not scenario.rush.shifting:
+            at_crowded = np.isin(tail, crowded) | np.isin(head, crowded)
+            drawn = np.maximum(rng.normal(*scenario.crowded_volume, network.segments), 1.0)
+            volume = np.where(at_crowded, drawn, volume)
+        waves = np.zeros((2, network.segments))
+        if scenario.rush is not None:
+            # Both directions of a street have one wave.
+            street = np.unique(np.sort([tail, head], axis=0), axis=1, return_inverse=True)[1].reshape(-1)
+            amplitude = rng.uniform(*scenario.rush.amplitude, network.segments)
+            waves = np.stack([amplitude, rng.uniform(0, 2 * np.pi, network.segments)])[:, street]
+        return _Streets(network, volume, waves)
+
+
+def _crowded_nodes(scenario: Scenario, nodes: int) -> int:
+    """As large a share of the nodes as on the scenario's first map."""
+    return round(scenario.crowded_nodes * nodes / scenario.side**2)
+
+
+def _crowded_map(scenario: Scenario, maps: list[_Streets], key: Key[Array, ""]) -> CrowdedMap:
+    network = side_by_side([streets.network for streets in maps])
+    volume = jnp.asarray(np.concatenate([streets.volume for streets in maps]), jnp.float32)
+    parts = tuple(streets.network.nodes for streets in maps)
+    if scenario.rush is None:
+        return CrowdedMap(network, ArimaFlow(volume, change_step(load_fitted(), scenario.slot_seconds)), key, parts)
+    rush, waves = scenario.rush, jnp.asarray(np.concatenate([streets.waves for streets in maps], axis=1), jnp.float32)
+    amplitude, phase = waves
+    flow = RushFlow(volume, amplitude, phase, rush.period, rush.memory, rush.deviation, scenario.slot_seconds)
+    if not rush.shifting:
+        return CrowdedMap(network, flow, key, parts)
+    spared = np.zeros(network.nodes, bool)
+    first = np.cumsum((0, *parts))
+    spared[[*first[:-1], *(first[1:] - 1)]] = True
+    ends = jnp.stack([network.tail, network.head], axis=1)
+    crowded_nodes = sum(_crowded_nodes(scenario, nodes) for nodes in parts)
+    shifting = ShiftingFlow(flow, ends, jnp.asarray(spared), crowded_nodes, *scenario.crowded_volume)
+    return CrowdedMap(network, shifting, key, parts)
+
+
+def fingerprint(place: CrowdedMap) -> str:
+    """The same for the same streets with the same usual crowds, and for no others."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves((place.network, place.flow)):
+        digest.update(np.asarray(leaf).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def purpose_key(place: CrowdedMap, purpose: Purpose) -> Key[Array, ""]:
+    """The random stream of one purpose on one map."""
+    return jax.random.fold_in(place.key, PURPOSES.index(purpose))

@@ -1,0 +1,312 @@
+"""What each level of knowledge sees on the diamond, by hand, and that each sees what the one before it sees."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sidestep.environment.dynamics import reset, step
+from sidestep.environment.knowledge import live_to_go, usual_to_go
+from sidestep.environment.observation import at_level, observe
+from sidestep.environment.types import LEVELS, TRAIL, EnvParams, EnvState, Instance, Observation
+from sidestep.network.graph import RoadNetwork, road_network
+from sidestep.network.grid import grid_network
+from sidestep.planners.shortest_path import distances_to
+from sidestep.travel_time import FREE_SPEED, SpeedField, speed_field
+
+CLOSE = dict(rtol=1e-5, atol=0.02)  # s; twice what counts as settled
+SLOT = 300.0
+
+
+def only(nodes: int, *which: int) -> jax.Array:
+    """One goal a row."""
+    return jnp.arange(nodes) == jnp.array(which)[:, None]
+
+
+@partial(jax.jit, static_argnums=1)
+def known(params: EnvParams, goals: tuple[int, ...]) -> EnvParams:
+    """With all that can be known: counts stay as they are for three slots, then crowds are as expected.
+
+    Volumes are not looked at but by what forecasts, so speeds stand for them.
+    """
+    network, crowds = params.network, params.crowds
+    usual = usual_to_go(network, params.expected, only(network.nodes, *goals), params.rule)
+    volume = jnp.swapaxes(crowds.speed, 1, 2)
+    live = live_to_go(network, crowds, volume, lambda now, _slot: jnp.tile(now[:, None], 3), usual, params.rule)
+    return replace(params, level="live", usual=usual, live=live)
+
+
+def jammed() -> SpeedField:
+    """On the diamond: 1 m/s, but .1 m/s on 1 > 3 till 300 s and on 2 > 3 from then on.
+
+    Seconds to node 3, as worked out in test_potentials.py, at 0 s: 480, 470, 250, 0; at 300 s: 300, 200, 450, 0.
+    """
+    return speed_field(jnp.ones((8, 2)).at[1, 0].set(0.1).at[3, 1].set(0.1), SLOT)
+
+
+@pytest.fixture(scope="module")
+def informed(diamond, make_params) -> EnvParams:
+    """The jams are expected. Crowd 0 is as expected; crowd 1 walks at .5 m/s, then at .8; crowd 2 at 1 m/s."""
+    steady = jnp.stack([jnp.full((8, 2), 0.5).at[:, 1].set(0.8), jnp.ones((8, 2))])
+    crowds = speed_field(jnp.concatenate([jammed().speed[None], steady]), SLOT)
+    return known(make_params(diamond, crowds, jammed()), (3,))
+
+
+def see(
+    params: EnvParams, node: int, clock: float, crowd: int = 0, destination: int = 3, level: str | None = None
+) -> Observation:
+    state, _ = reset(params, Instance(*map(jnp.int32, (node, destination)), jnp.float32(clock), jnp.int32(crowd)))
+    return observe(params if level is None else at_level(params, level), state)
+
+
+# --- Position -------------------------------------------------------------------------------------------------------
+
+
+def test_position_sees_nothing_else(informed) -> None:
+    seen = see(informed, 1, 0.0, level="position")
+    assert (int(seen.node), seen.position.tolist(), seen.valid.tolist()) == (1, [100, 100], [True, True])
+    assert len(jax.tree.leaves(seen)) == 3
+    assert (seen.local, seen.usual, seen.live, seen.estimate) == (None, None, None, None)
+
+
+# --- Local ----------------------------------------------------------------------------------------------------------
+
+
+def test_local_sees_the_streets_that_leave(informed) -> None:
+    seen = see(informed, 0, 310.0, crowd=1, level="local")
+    assert float(seen.local.clock) == 310
+    # node 3 lies 200 m to the right; from the nodes 1 and 2 it is 100 m to the right, and down or up
+    assert seen.local.ahead.tolist() == [200, 0]
+    assert seen.local.onto.tolist() == [1, 2]
+    assert seen.local.onward.tolist() == [[100, -100], [100, 100]]
+    assert seen.local.length.tolist() == [100, 150]
+    # at .8 m/s from 300 s on: 125 and 187.5 s
+    assert seen.local.crossing.tolist() == pytest.approx([125, 187.5])
+    # and then sqrt(2) 100 m at 1.34 m/s: 105.5383 s
+    assert seen.estimate.tolist() == pytest.approx([230.5383, 293.0383])
+    assert (seen.usual, seen.live) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("clock", "seconds"),
+    [(0.0, 200.0), (299.9, 200.0), (300.0, 125.0), (1e5, 125.0)],  # the last slot lasts
+)
+def test_the_speed_seen_is_that_of_the_slot(informed, clock: float, seconds: float) -> None:
+    # Whoever enters at 299.9 s will mostly walk at .8 m/s, but sees .5 m/s.
+    assert float(see(informed, 0, clock, crowd=1, level="local").local.crossing[0]) == pytest.approx(seconds)
+
+
+def test_before_the_destination_nothing_is_left_to_go(informed) -> None:
+    # 200 m at .5 m/s to the destination; back to node 0 200 s and 200 m at 1.34 m/s
+    seen = see(informed, 1, 0.0, crowd=1, level="local")
+    assert seen.estimate.tolist() == pytest.approx([400, 200 + 200 / FREE_SPEED])
+
+
+def walked(params: EnvParams, *actions: int) -> EnvState:
+    state, _ = reset(params, Instance(*map(jnp.int32, (0, 3)), jnp.float32(0), jnp.int32(2)))
+    for action in actions:
+        state, _ = step(params, state, jnp.int32(action))
+    return state
+
+
+def test_crossings_since_a_next_node_was_left(informed) -> None:
+    params, never = at_level(informed, "local"), TRAIL + 1
+    for actions, node, left in [
+        ([], 0, [never, never]),
+        ([0], 1, [never, 1]),  # 0 > 1: exits to 3 and back
+        ([0, 0], 3, [1, never]),  # 0 > 1 > 3: exits to 1 and 2
+        ([0, 0, 1], 2, [1, 3]),  # 0 > 1 > 3 > 2: to 3 and to 0, which was left first
+        ([0, 1, 1], 2, [never, 1]),  # 0 > 1 > 0 > 2: 0 was left twice, and the later time counts
+        ([1, 1], 0, [never, 1]),  # 0 > 2 > 0
+        ([1, 1, 0, 1], 0, [1, 3]),  # and then 1 and back
+    ]:
+        state = walked(params, *actions)
+        assert (int(state.node), observe(params, state).local.left.tolist()) == (node, left)
+
+
+def test_what_was_left_long_ago_is_forgotten(informed) -> None:
+    params = at_level(informed, "local")
+    # Node 2 is left on the second step; then to and fro between 0 and 1, two steps a time.
+    state, found = walked(params, 1, 1), []
+    for _ in range(6):
+        found.append(observe(params, state).local.left.tolist()[1])
+        for action in (0, 1):
+            state, _ = step(params, state, jnp.int32(action))
+    assert found == [1, 3, 5, 7, TRAIL + 1, TRAIL + 1]
+
+
+# --- Map ------------------------------------------------------------------------------------------------------------
+
+
+def test_map_knows_the_usual_time_from_when_the_next_node_is_reached(informed) -> None:
+    # Crowd 2 at 1 m/s: node 1 at 100 s, 470 - 270 / 3 = 380 s to go; node 2 at 150 s, half-way from 250 to 450 s.
+    seen = see(informed, 0, 0.0, crowd=2, level="map")
+    np.testing.assert_allclose(seen.usual.to_go, [380, 350], **CLOSE)
+    np.testing.assert_allclose(seen.estimate, [480, 500], **CLOSE)
+    # Crowd 1 at .5 m/s: node 1 at 200 s, 470 - 2/3 * 270 = 290 s to go; node 2 at 300 s, 450 s to go.
+    seen = see(informed, 0, 0.0, crowd=1, level="map")
+    np.testing.assert_allclose(seen.usual.to_go, [290, 450], **CLOSE)
+    np.testing.assert_allclose(seen.estimate, [490, 750], **CLOSE)
+    # In the last slot and after it nothing changes any more.
+    seen = see(informed, 0, 600.0, crowd=2, level="map")
+    np.testing.assert_allclose(seen.estimate, [300, 600], **CLOSE)
+
+
+def test_map_knows_the_usual_crowd_of_now(informed) -> None:
+    # From node 1 to 3 and to 0, 200 and 100 m; the first is usually jammed till 300 s. Nobody is jammed in crowd 2.
+    for clock, usual in ((0.0, [2000, 100]), (300.0, [200, 100])):
+        seen = see(informed, 1, clock, crowd=2, level="map")
+        assert seen.usual.crossing.tolist() == pytest.approx(usual)
+        assert seen.local.crossing.tolist() == pytest.approx([200, 100])
+
+
+def test_every_goal_has_a_table_of_its_own(diamond, constant_field, make_params) -> None:
+    params = known(make_params(diamond, constant_field(diamond)), (3, 0))
+    assert params.usual.table.shape == (2, 2, 4)
+    assert params.usual.goal.tolist() == [1, -1, -1, 0]
+    np.testing.assert_allclose(params.usual.table[:, 0], [[300, 200, 250, 0], [0, 100, 150, 300]], **CLOSE)
+    # From node 1: on to node 3 and back to node 0.
+    np.testing.assert_allclose(see(params, 1, 0.0, destination=3, level="map").usual.to_go, [0, 300], **CLOSE)
+    np.testing.assert_allclose(see(params, 1, 0.0, destination=0, level="map").usual.to_go, [300, 0], **CLOSE)
+
+
+def test_a_goal_may_be_several_nodes(diamond, constant_field) -> None:
+    # One goal of the nodes 1 and 2, as on maps side by side.
+    usual = usual_to_go(diamond, constant_field(diamond), only(4, 1) | only(4, 2), "integrated")
+    assert usual.goal.tolist() == [-1, 0, 0, -1]
+    np.testing.assert_allclose(usual.table, [[[100, 0, 0, 200]] * 2], **CLOSE)
+
+
+# --- Live -----------------------------------------------------------------------------------------------------------
+
+
+def test_snapshot_is_the_shortest_path_as_it_stands(informed) -> None:
+    # Crowd 0 till 300 s: 1 > 3 takes 2,000 s, so from node 1 it is back and below, 500 s; from node 2 250 s.
+    # Afterwards: from node 1 200 s; from node 2 back and above, 150 + 300 s.
+    for clock, snapshot in ((0.0, [600, 400]), (299.0, [600, 400]), (300.0, [300, 600])):
+        np.testing.assert_allclose(see(informed, 0, clock).live.snapshot, snapshot, **CLOSE)
+    # Crowd 1: 100 + 200 m and 150 + 250 m at .5 m/s, then at .8 m/s
+    np.testing.assert_allclose(see(informed, 0, 0.0, crowd=1).live.snapshot, [600, 800], **CLOSE)
+    np.testing.assert_allclose(see(informed, 0, 300.0, crowd=1).live.snapshot, [375, 500], **CLOSE)
+
+
+def test_forecast_of_a_jam_that_is_seen_to_clear(diamond, make_params) -> None:
+    # Whatever is counted, what is forecast is what comes; beyond the window it stays so.
+    field = jammed()
+    params = make_params(diamond, field)
+    usual = usual_to_go(diamond, field, only(4, 3), "integrated")
+
+    def ahead(_now: jax.Array, slot: jax.Array) -> jax.Array:
+        return field.speed[:, jnp.minimum(slot + jnp.arange(3), 1)]
+
+    live = live_to_go(diamond, params.crowds, jnp.ones((1, 2, 8)), ahead, usual, "integrated")
+    params = replace(params, usual=usual, live=live, level="live")
+    # Entered at 0 s: by 1 100 + 380, by 2 150 + 350; at 300 s: 100 + 200, 150 + 450; in between linear.
+    for clock, forecast in ((0.0, [480, 500]), (150.0, [390, 550]), (300.0, [300, 600]), (1e4, [300, 600])):
+        seen = see(params, 0, clock)
+        np.testing.assert_allclose(seen.live.forecast, forecast, **CLOSE)
+        np.testing.assert_array_equal(seen.estimate, seen.live.forecast)
+    # From node 1: 470 s by 3 at 0 s, 200 s at 300 s; back: node 0 at 100 s, 480 - 180 / 3 = 420 s, then 300 s.
+    np.testing.assert_allclose(see(params, 1, 0.0).live.forecast, [470, 520], **CLOSE)
+
+
+def test_after_the_window_of_a_forecast_crowds_are_as_usual() -> None:
+    # 0 > 1 > 2, 100 m each, in slots of 100 s: .5 m/s now and for two slots, usually 1 m/s.
+    network = road_network(np.zeros((3, 2)), [0, 1], [1, 2], [100.0, 100])
+    usual = usual_to_go(network, speed_field(jnp.ones((2, 8)), 100.0), only(3, 2), "integrated")
+    crowds = speed_field(jnp.full((1, 2, 8), 0.5), 100.0)
+    volume = jnp.swapaxes(crowds.speed, 1, 2)
+    live = live_to_go(network, crowds, volume, lambda now, _: jnp.tile(now[:, None], 2), usual, "integrated")
+    # 200 s to node 1, when the window is over, and 100 s on. From node 1 200 s: who enters the jam stays in it.
+    np.testing.assert_allclose(live.forecast[0, 0], [[300, 200], [300, 200]], **CLOSE)
+    # With a third slot of it, node 1 is reached with one slot to go, in which 50 m are covered: as slots begin it is
+    # 200 s from node 1, and after the last of them 100 s; entered at 100 s, node 1 is reached after the window.
+    live = live_to_go(network, crowds, volume, lambda now, _: jnp.tile(now[:, None], 3), usual, "integrated")
+    np.testing.assert_allclose(live.forecast[0, 0], [[400, 200], [300, 200]], **CLOSE)
+
+
+def test_a_forecast_of_what_stays_is_exact(make_params) -> None:
+    rng = np.random.default_rng(2)
+    network = grid_network(3, rng)
+    speed = rng.uniform(0.2, 1.3, (network.segments, 1)).astype(np.float32)
+    params = known(make_params(network, speed_field(jnp.tile(speed, 4), SLOT)), (8,))
+    seconds = np.asarray(network.length, float) / speed[:, 0]
+    over = seconds + distances_to(network, seconds, 8)[np.asarray(network.head)]
+    for node, clock in [(0, 0.0), (1, 100.0), (4, 600.0), (5, 1e4)]:
+        seen = see(params, node, clock)
+        exits = np.asarray(network.exit_segment)[node][np.asarray(seen.valid)]
+        for found in (seen.live.forecast, seen.live.snapshot, seen.local.crossing + seen.usual.to_go):
+            np.testing.assert_allclose(np.asarray(found)[np.asarray(seen.valid)], over[exits], rtol=1e-5, atol=0.1)
+
+
+def test_crowds_take_the_goals_in_turn(diamond, make_params) -> None:
+    speed = jnp.array([1.0, 0.5, 0.25])[:, None, None] * jnp.ones((8, 2))
+    params = known(make_params(diamond, speed_field(speed, SLOT), speed_field(speed[0], SLOT)), (3, 0))
+    assert params.live.forecast.shape == (3, 2, 2, 8)
+    assert params.live.snapshot.shape == (3, 2, 4)
+    # Crowds 0 and 2 go to node 3, crowd 1 goes to node 0.
+    expected = [[300, 200, 250, 0], [0, 200, 300, 600], [1200, 800, 1000, 0]]
+    np.testing.assert_allclose(params.live.snapshot[:, 0], expected, **CLOSE)
+    # segment 1 is 1 > 3 and segment 4 is 1 > 0
+    np.testing.assert_allclose(params.live.forecast[0, 0, 0, [1, 4]], [200, 400], **CLOSE)
+    np.testing.assert_allclose(params.live.forecast[1, 0, 0, 4], 200, **CLOSE)
+
+
+# --- All levels -----------------------------------------------------------------------------------------------------
+
+
+def same(one: object, other: object) -> None:
+    for first, second in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize(("node", "clock", "crowd"), [(0, 0.0, 0), (1, 333.0, 1), (2, 150.0, 2), (3, 1e5, 0)])
+def test_each_level_sees_what_the_one_before_it_sees(informed, node: int, clock: float, crowd: int) -> None:
+    assert LEVELS == ("position", "local", "map", "live")
+    position, local, usual, live = (see(informed, node, clock, crowd, level=level) for level in LEVELS)
+    same(position, replace(local, local=None, estimate=None))
+    same(replace(local, estimate=None), replace(usual, usual=None, estimate=None))
+    same(replace(usual, estimate=None), replace(live, live=None, estimate=None))
+    assert live.live is not None
+
+
+def test_the_level_is_the_environments(informed) -> None:
+    for level in LEVELS:
+        params = at_level(informed, level)
+        state, seen = reset(params, Instance(*map(jnp.int32, (0, 3)), jnp.float32(7), jnp.int32(1)))
+        same(seen, see(informed, 0, 7.0, 1, level=level))
+        state, outcome = step(params, state, jnp.int32(0))
+        same(outcome.observation, observe(params, state))
+
+
+@pytest.mark.parametrize("level", ["map", "live"])
+def test_missing_knowledge_is_said(diamond, constant_field, make_params, level: str) -> None:
+    params = at_level(make_params(diamond, constant_field(diamond)), level)
+    with pytest.raises(ValueError, match=r"^level map needs EnvParams\.usual$"):
+        see(params, 0, 0.0)
+
+
+def test_missing_counts_are_said(informed) -> None:
+    with pytest.raises(ValueError, match=r"^level live needs EnvParams\.live$"):
+        see(replace(informed, live=None), 0, 0.0)
+
+
+def test_walkers_see_side_by_side_what_they_see_alone(informed) -> None:
+    node, clock = jnp.array([0, 1, 2, 3]), jnp.array([0.0, 150, 333, 700])
+    instance = Instance(node, jnp.full(4, 3), clock, jnp.array([0, 1, 2, 0]))
+    _, together = jax.jit(jax.vmap(lambda one: reset(informed, one)))(instance)
+    for walker in range(4):
+        alone = see(informed, walker, float(clock[walker]), int(instance.crowd[walker]))
+        for one, several in zip(jax.tree.leaves(alone), jax.tree.leaves(together), strict=True):
+            np.testing.assert_allclose(several[walker], one, rtol=1e-5)
+
+
+def test_the_network_may_have_nodes_out_of_reach(make_params) -> None:
+    # 0 > 1 > 0 and 2 > 0: nobody gets to 2
+    network: RoadNetwork = road_network(np.eye(3, 2), [0, 1, 2], [1, 0, 0], [10.0] * 3)
+    params = known(make_params(network, speed_field(jnp.ones((3, 2)), 60.0)), (2,))
+    seen = see(params, 0, 0.0, destination=2)
+    assert (np.asarray([seen.usual.to_go[0], seen.live.snapshot[0], seen.live.forecast[0]]) >= 1e9).all()
