@@ -85,7 +85,7 @@ class Grid(gymnasium.Env):
         return clock + metres / speed[slot] - self.clock
 
 
-def check_same(grid: Grid, problem: Scenario, params: EnvParams, steps: int = 300) -> None:
+def check_same(grid: Grid, problem: Scenario, place: CrowdedMap, params: EnvParams, steps: int = 300) -> None:
     """Walk both environments at random: they must agree, or the comparison compares nothing."""
     one_step = jax.jit(step)
     state, _ = reset(params, jax.tree.map(lambda leaf: leaf[0], instances(problem, place, params, 1)))
@@ -165,7 +165,7 @@ def main() -> None:
     config = PRESETS["paper"]
     config = dataclasses.replace(config, rounds=options.repeats + 1, round_steps=options.rounds * config.round_steps)
     grid = Grid(problem, params)
-    check_same(grid, problem, params)
+    check_same(grid, problem, place, params)
 
     runs = {"sidestep": sidestep_run(config, problem, place), "stable-baselines3": sb3_run(config, grid, options.steps)}
     for run in runs.values():

@@ -1,6 +1,6 @@
 """Train an agent at every level, compare it with the planners that know as much, and write docs/levels.md.
 
-Usage: python scripts/levels_page.py FOLDER [--walks N] [SCENARIO ...]
+Usage: python scripts/levels_page.py FOLDER [SCENARIO ...]
 
 Models that are in FOLDER already are not trained again, and comparisons that are there are not walked again. The page
 is written when all scenarios have been compared.
@@ -10,7 +10,6 @@ import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -22,13 +21,26 @@ from sidestep.planners.darp import load_planners
 from sidestep.scenarios.catalogue import BUILT_IN
 
 DOCS = Path(__file__).parents[1] / "docs"
-LEVELS = {
-    "paper-unblocked": ("local",),
-    "paper-congested": ("local",),
-    "rush-16": ("local", "map", "live"),
-    "rush-32": ("live",),
-    "shifting-crowds": ("local",),
-    "unseen-maps": ("map",),
+
+
+@dataclass(frozen=True)
+class Case:
+    """Agents to train on a scenario, and the walks to compare them on: more where differences are small."""
+
+    scenario: str
+    levels: tuple[str, ...]
+    walks: int  # on each map
+    destinations: int | None = None  # to learn and to walk to, from anywhere; None walks corner to corner
+
+
+CASES = {
+    "paper-unblocked": Case("paper-unblocked", ("local",), 1_000),
+    "paper-congested": Case("paper-congested", ("local",), 1_000),
+    "rush-16": Case("rush-16", ("local", "map", "live"), 1_600),
+    "rush-32": Case("rush-32", ("live",), 500),
+    "shifting-crowds": Case("shifting-crowds", ("local",), 600),
+    "unseen-maps": Case("unseen-maps", ("map",), 100),
+    "anywhere": Case("rush-16", ("local", "map"), 1_000, destinations=16),
 }
 PLANNERS = (
     "shortest-path", "greedy-local", "expected", "greedy-map", "snapshot", "forecast", "clairvoyant",
@@ -71,7 +83,11 @@ the horizon count as the horizon. The live feed (snapshots and forecasts of ever
 
 ## Goals
 
+"Not slower" is met where the interval does not lie above zero, "faster" where all of it lies below. All settings were
+chosen by walks on the map of seed 0; the agents here were trained and walked with seed {seed}, on another map.
+
 """
+SEED = 1
 HEAD = "| planner | knows | minutes | median | 90 % in | over `expected` | 95 % | regret | arrive |\n"
 HEAD += "|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
 
@@ -86,7 +102,7 @@ class Goal:
     rival: str
     towards: str = ""  # a share of the way from `rival` to here
     share: float = 0.0
-    strictly: bool = True  # the whole interval below zero, or only its mean not above
+    strictly: bool = True  # the whole interval below zero, or only not above
 
 
 GOALS = [
@@ -106,6 +122,8 @@ GOALS = [
         "shifting-crowds", "darp", "half of the way from `greedy-local` to `snapshot`", "greedy-local", "snapshot", 0.5
     ),
     Goal("unseen-maps", "darp", "faster than `expected`", "expected"),
+    Goal("anywhere", "darp-local", "faster than `expected`", "expected"),
+    Goal("anywhere", "darp-map", "faster than `expected`", "expected"),
 ]
 
 
@@ -113,25 +131,34 @@ def main() -> None:
     """Train, compare, write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("scenarios", nargs="*", default=list(LEVELS))
-    parser.add_argument("--walks", type=int, default=None)
+    parser.add_argument("scenarios", nargs="*", default=list(CASES))
     options = parser.parse_args()
     for name in options.scenarios:
-        run(name, LEVELS[name], options.folder, options.walks)
-    if all((options.folder / f"{name}.json").exists() for name in LEVELS):
+        run(name, CASES[name], options.folder)
+    if all((options.folder / f"{name}.json").exists() for name in CASES):
         write_page(options.folder)
 
 
-def run(name: str, levels: Sequence[str], folder: Path, walks: int | None) -> None:
+def run(name: str, case: Case, folder: Path) -> None:
     """One scenario: its models, then one comparison of all."""
     target = folder / f"{name}.json"
     if target.exists():
         return
     models, seconds = [], {}
-    for level in levels:
+    for level in case.levels:
         model = folder / name / level
         if not (model / "trained.json").exists():
-            command = [sys.executable, "-m", "sidestep", "train", name, "--level", level, "--out", str(model), "--json"]
+            command = [
+                sys.executable,
+                "-m",
+                "sidestep",
+                *training(case, level),
+                "--seed",
+                str(SEED),
+                "--out",
+                str(model),
+                "--json",
+            ]
             began = perf_counter()
             trained = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
             trained["process_seconds"] = perf_counter() - began
@@ -140,18 +167,27 @@ def run(name: str, levels: Sequence[str], folder: Path, walks: int | None) -> No
         seconds[level] = {key: trained[key] for key in ("process_seconds", "steps_per_second", "updates_per_second")}
         seconds[level]["rounds"] = len(trained["curve_minutes"])
         models.append(model)
-    problem = BUILT_IN[name]
-    learned = load_planners(models, problem, seed=0)
+    problem = BUILT_IN[case.scenario]
+    learned = load_planners(models, problem, SEED)
     every = {**BASELINES, **REPLANNING, **learned.factories}
     names = [*PLANNERS, *learned.factories]
-    paper = not problem.rush
-    count = walks or (500 if paper else problem.walks)
     compared = compare(
-        problem, choose(names, every), maps=[0] if learned.index is not None else range(problem.maps), walks=count
+        problem,
+        choose(names, every),
+        maps=[0] if learned.index is not None else range(problem.maps),
+        walks=case.walks,
+        seed=SEED,
+        destinations=case.destinations,
     )
     results = {"trained": seconds, **compared.as_json()}
     results["goals"] = [{**asdict(goal), **judged(goal, compared)} for goal in GOALS if goal.scenario == name]
     write_text(target, json.dumps(results, indent=2) + "\n")
+
+
+def training(case: Case, level: str) -> list[str]:
+    """The command, without its output."""
+    destinations = [] if case.destinations is None else ["--destinations", str(case.destinations)]
+    return ["train", case.scenario, "--level", level, *destinations]
 
 
 def judged(goal: Goal, compared: object) -> dict[str, object]:
@@ -163,33 +199,46 @@ def judged(goal: Goal, compared: object) -> dict[str, object]:
     if goal.towards:
         share = difference / rows[goal.towards]["difference_minutes"]
         return {"found": f"{100 * share:.0f} % of the way", "met": share >= goal.share}
-    met = more < 0 if goal.strictly else difference <= 0 or less <= 0
+    met = more < 0 if goal.strictly else less <= 0
     return {"found": f"{difference:+.2f} min ({less:+.2f} to {more:+.2f})", "met": met}
 
 
 def write_page(folder: Path) -> None:
     """docs/levels.md from the numbers in the folder."""
-    page = PAGE
-    results = {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in LEVELS}
+    page = PAGE.replace("{seed}", str(SEED))
+    results = {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in CASES}
     page += "| scenario | agent | goal | measured | |\n|---|---|---|---|---|\n"
     for name, found in results.items():
         for goal in found["goals"]:
-            met = "met" if goal["met"] else "**missed**"
-            page += f"| {name} | {goal['row']} | {goal['text']} | {goal['found']} | {met} |\n"
+            page += verdict(name, goal["row"], goal["text"], goal["found"], met=goal["met"])
+        for row, measured in found["planners"].items():
+            if row.startswith("darp"):
+                rate = measured["arrival_rate"]
+                page += verdict(name, row, "arrival at least 0.999", f"{rate:.4f}", met=rate >= 0.999)
+        slowest = max(cost["process_seconds"] for cost in found["trained"].values())
+        page += verdict(name, "all", "trained within 120 s", f"at most {slowest:.0f} s", met=slowest <= 120)
     page += "\n## Results\n"
     for name, found in results.items():
         page += section(name, found)
     write_text(DOCS / "levels.md", page)
 
 
+def verdict(case: str, row: str, goal: str, found: str, *, met: bool) -> str:
+    """One line of the table of goals."""
+    return f"| {case} | {row} | {goal} | {found} | {'met' if met else '**missed**'} |\n"
+
+
 def section(name: str, found: dict[str, object]) -> str:
     """One scenario's table."""
     maps, walks = found["maps"], found["walks"]
-    text = f"\n### {name}\n\n{BUILT_IN[name].summary[0].upper()}{BUILT_IN[name].summary[1:]}. "
+    case, summary = CASES[name], BUILT_IN[CASES[name].scenario].summary
+    text = f"\n### {name}\n\n{summary[0].upper()}{summary[1:]}. "
+    if case.destinations is not None:
+        text += f"Here from anywhere to {case.destinations} destinations. "
     text += f"{maps} map{'s' * (maps > 1)}, {walks} walks{' on each' * (maps > 1)}.\n\n"
     for level, cost in found["trained"].items():
         text += (
-            f"`sidestep train {name} --level {level}`: {cost['process_seconds']:.0f} s from process start "
+            f"`sidestep {' '.join(training(case, level))} --seed {SEED}`: {cost['process_seconds']:.0f} s from process start "
             f"({cost['rounds']} rounds, {cost['steps_per_second']:,.0f} transitions and "
             f"{cost['updates_per_second']:,.0f} updates a second).\n\n"
         )

@@ -11,7 +11,7 @@ import pytest
 from sidestep.environment.types import EnvParams
 from sidestep.scenarios.catalogue import BUILT_IN, LAWS, Scenario, ScenarioError, scenario
 from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map, fingerprint
-from sidestep.scenarios.worlds import destinations, instances, make_environment, renew_crowds, sampler
+from sidestep.scenarios.worlds import destinations, instances, make_environment, new_crowds, put_crowds, sampler
 
 HOUR = 3600.0
 
@@ -123,6 +123,10 @@ def test_choices_that_are_none(changes: dict, message: str) -> None:
 def test_the_most_crowded_nodes_that_can_be() -> None:
     assert crowded(draw_map(small(crowded_nodes=7), 0)).all()
     assert scenario("paper-congested", side=2, crowded_nodes=2).crowded_nodes == 2
+
+
+def renew_crowds(scenario: Scenario, place: CrowdedMap, params: EnvParams, number: int, crowds: int, first: int):
+    return put_crowds(params, new_crowds(scenario, place, params, number, crowds), jnp.int32(first))
 
 
 # --- Maps -----------------------------------------------------------------------------------------------------------
@@ -564,3 +568,26 @@ def test_renewing_replaces_these_crowds_and_no_others(first: int) -> None:
     # another renewal, other crowds; the same again, the same
     assert futures(renew_crowds(rush, place, before, 2, 2, first)) != futures(after)
     assert futures(renew_crowds(rush, place, before, 1, 2, first)) == futures(after)
+
+
+def test_more_destinations_than_futures_are_refused() -> None:
+    place = draw_map(small(), 0)
+    params = make_environment(small(flows="forecast"), place, "test", 5)
+    goals = destinations(place.parts, 3)
+    with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 1"):
+        sampler(small(), place, params, 5, goals=goals)
+    with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 1"):
+        instances(small(), place, params, 5, goals=goals)
+
+
+def test_walks_from_anywhere_go_to_each_destination_in_turn() -> None:
+    place = draw_map(small(), 0)
+    goals = destinations(place.parts, 3)
+    params = make_environment(small(), place, "test", 90, level="map", goals=goals)
+    walks = instances(small(), place, params, 90, goals=goals)
+    assert np.asarray(walks.destination).tolist() == goals[:, 0].tolist() * 30
+    assert (np.asarray(walks.origin) != np.asarray(walks.destination)).all()
+    assert set(np.asarray(walks.origin).tolist()) == set(range(9))
+    assert np.asarray(walks.crowd).tolist() == list(range(90))
+    others = instances(small(), place, params, 90, first=90, goals=goals)
+    assert (np.asarray(others.origin) != np.asarray(walks.origin)).any()

@@ -181,6 +181,7 @@ def train(
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
     from sidestep.scenarios.maps import draw_training_map
+    from sidestep.scenarios.worlds import destinations as heads_for
 
     problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
     config = changed(
@@ -198,15 +199,17 @@ def train(
                 f"the model in {out} is of another scenario, map, seed or configuration; it cannot go on"
             )
         state, curve = run.state, list(run.curve)
+    place = draw_training_map(problem, seed, index)
+    heads_for(place.parts, config.goals)
     if out is not None:
         output_folder(out)
     began, before, saved, first = perf_counter(), len(curve), -math.inf, math.inf
     with console.progress(
         f"training on {scenario}, map {index}", config.rounds - before, config.round_steps, "transitions"
     ) as advance:
-        for now, report in rounds_of(config, problem, draw_training_map(problem, seed, index), state):
-            first = min(first, perf_counter())
+        for now, report in rounds_of(config, problem, place, state):
             curve.append(tuple(report.test_minutes.tolist()))
+            first = min(first, perf_counter())
             run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), now)
             if out is not None and (len(curve) == config.rounds or perf_counter() - saved > SAVE_EVERY):
                 checkpoint.save(run, out)
@@ -287,12 +290,18 @@ def compare(
     if model:
         learned = load_planners(model, problem, seed, level)
         if learned.index is not None:
+            if maps is not None:
+                raise SidestepError(f"--maps cannot be chosen: the model remembers map {learned.index} alone")
             numbers = [learned.index]
         learned.check_destinations(draw_map(problem, seed, numbers[0]), destinations or 1)
         every = {**BASELINES, **REPLANNING, **learned.factories}
         names = list(every)
     else:
-        every = {**BASELINES, **REPLANNING, **trainable(problem, seed, level or problem.level, preset)}
+        every = {
+            **BASELINES,
+            **REPLANNING,
+            **trainable(problem, seed, level or problem.level, preset, destinations or 1),
+        }
         names = [*BASELINES, *REPLANNING, "darp"]
     if planners is not None:
         names = [name.strip() for name in planners.split(",")]

@@ -72,7 +72,6 @@ def test_the_model_is_what_the_run_shows(saved):
     model, run = checkpoint.load_model(saved[0]), checkpoint.load(saved[0])
     assert (model.scenario, model.seed, model.index, model.config) == (PROBLEM, 4, 2, CONFIG)
     assert model.curve == run.curve
-    assert not model.several_maps
     assert model.fingerprint == fingerprint(draw_map(PROBLEM, 4, 2))
     for read, kept in zip(looks(model.network), looks(run.network), strict=True):
         np.testing.assert_array_equal(read, kept)
@@ -104,7 +103,6 @@ def test_a_model_has_the_same_values_when_it_is_read_again(config, problem, tmp_
     assert sorted(file.name for file in tmp_path.iterdir()) == ["checkpoint.eqx", "model.eqx"]
     model = checkpoint.load_model(tmp_path)
     assert (model.scenario, model.config) == (problem, config)  # lists are tuples again
-    assert model.several_maps == bool(problem.training_maps)
     assert model.fingerprint == fingerprint(place)
     values = jax.jit(lambda network, seen: jax.vmap(network)(seen))
     seen = state.walkers.observation

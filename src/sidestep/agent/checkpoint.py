@@ -4,7 +4,7 @@ import dataclasses
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -39,11 +39,6 @@ class Training:
     config: TrainConfig
     curve: tuple[tuple[float, ...], ...]  # minutes of the greedy test walks, round by round
 
-    @property
-    def several_maps(self) -> bool:
-        """Whether other maps were learned than the one that will be walked."""
-        return bool(self.scenario.training_maps)
-
 
 @dataclass(frozen=True)
 class Model(Training):
@@ -77,12 +72,17 @@ def save(run: TrainingRun, folder: Path) -> None:
         "index": run.index,
         "config": dataclasses.asdict(run.config),
         "curve": run.curve,
-        "fingerprint": fingerprint(draw_training_map(run.scenario, run.seed, run.index)),
+        "fingerprint": _fingerprint(run.scenario, run.seed, run.index),
     }
     for name, tree in ((CHECKPOINT, _plain(run.state)), (MODEL, run.network)):
         with whole_file(folder / name) as temporary, temporary.open("wb") as file:
             file.write(json.dumps(header).encode() + b"\n")
             eqx.tree_serialise_leaves(file, tree)
+
+
+@lru_cache(maxsize=8)
+def _fingerprint(scenario: Scenario, seed: int, index: int) -> str:
+    return fingerprint(draw_training_map(scenario, seed, index))
 
 
 def load(folder: Path) -> TrainingRun:

@@ -34,7 +34,7 @@ class TrainConfig:
     epsilon: float
     epsilon_end: float
     epsilon_share: float  # share of the training in which ε falls linearly from one to the other
-    random_origins: float  # share of the training whose episodes start anywhere
+    random_origins: float  # share of the training whose episodes start anywhere; with several goals all of it
     keep: Literal["best", "last"]  # which network to return: that of the best test walks, or the last
     level: Seen = "position"  # what the walker sees
     table: bool = False  # level position: a number for every crossing and exit instead of a network
@@ -77,6 +77,8 @@ class TrainConfig:
                 )
 
     def _check_crowds(self) -> None:
+        if self.level == "position" and self.goals > 1:
+            raise TrainConfigError(f"a walker that sees its position alone cannot tell {self.goals} destinations apart")
         if self.fresh_crowds and self.crowds % self.fresh_crowds:
             raise TrainConfigError(
                 f"fresh_crowds must divide the {self.crowds} crowds, so {self.fresh_crowds} will not do"
@@ -157,7 +159,7 @@ def preset(name: Preset, level: Seen = "position", *, several_maps: bool = False
             raise TrainConfigError("coordinates mean nothing on maps that were never walked; train at another level")
         config = replace(config, places=0, crowds=16, fresh_crowds=4, goals=4)
     if level == "live" and nodes > _MANY_NODES:
-        config = replace(config, crowds=16, fresh_crowds=1, test_walks=8)
+        config = replace(config, crowds=16, fresh_crowds=1, test_walks=8, rounds=80)
     return replace(config, dueling=False, double=False, alpha=0.0) if name == "dqn" else config
 
 

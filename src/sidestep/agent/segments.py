@@ -12,6 +12,7 @@ from sidestep.environment.types import TRAIL, Local, Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.travel_time import FREE_SPEED
 
+CLOCK_SECONDS = 4 * 3600.0  # unit of clocks
 FAR = 10.0  # units of time at which differences are cut off, lest one blocked street drown the rest
 
 
@@ -75,7 +76,9 @@ class SegmentQNetwork(eqx.Module):
         far = jnp.linalg.norm(local.ahead)
         onward = jnp.linalg.norm(local.onward, axis=1)
         state = [
-            jnp.stack([local.clock / 14400, far / self.metres / 10, least / self.seconds / 10, seen.valid.sum() / 4]),
+            jnp.stack(
+                [local.clock / CLOCK_SECONDS, far / self.metres / 10, least / self.seconds / 10, seen.valid.sum() / 4]
+            ),
             local.ahead / jnp.maximum(far, 1.0),
         ]
         streets = [

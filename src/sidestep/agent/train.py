@@ -104,7 +104,8 @@ def train(
         before = int(state.iteration) // config.iterations
         worlds = _worlds(config, scenario, place, problem.params, before, pool)
         for done, params in zip(range(before, config.rounds), worlds, strict=False):
-            from_where = anywhere if done < config.random_origins * config.rounds else problem.sampler
+            everywhere = config.goals > 1 or done < config.random_origins * config.rounds
+            from_where = anywhere if everywhere else problem.sampler
             state, report = one_round(params, from_where, problem.tests, state)
             yield state, report
 
@@ -117,7 +118,10 @@ def _worlds(
     before: int,
     pool: ThreadPoolExecutor,
 ) -> Iterator[EnvParams]:
-    """The environment of every round after those ``before``; fresh crowds are drawn beside the round before them."""
+    """The environment of every round after those ``before``; fresh crowds are drawn beside the round before them.
+
+    Walkers that are on their way when their crowd is replaced go on in the new one.
+    """
     if not config.fresh_crowds:
         yield from itertools.repeat(params)
     draw = partial(new_crowds, scenario, place, params, crowds=config.fresh_crowds)
@@ -151,7 +155,8 @@ def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple
         scenario, place, "learn", config.crowds + config.test_walks, level=config.level, goals=goals
     )
     here = sampler(scenario, place, params, config.crowds, goals=goals)
-    tests = instances(scenario, place, params, config.test_walks, first=config.crowds)
+    several = goals if config.goals > 1 else None
+    tests = instances(scenario, place, params, config.test_walks, first=config.crowds, goals=several)
     return Problem(params, here, tests), start(config, scenario, params, here, place)
 
 
@@ -203,7 +208,7 @@ def fresh_network(config: TrainConfig, scenario: Scenario, network: RoadNetwork,
         level=config.level,
         hidden=config.hidden,
         places=config.places,
-        bins=1 + math.ceil(scenario.horizon / BIN_SECONDS),
+        bins=1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS),
         bin_seconds=BIN_SECONDS,
         dueling=config.dueling,
         potential=config.potential,

@@ -78,13 +78,17 @@ def time_to_go(
         known = jnp.where(valid, seconds + known + part * table[beyond, head], UNREACHABLE)
         weight = jnp.where(within, 1 - part, 0.0)
 
-        def settle(carry: tuple[Array, Array]) -> tuple[Array, Array]:
-            to_go, _ = carry
+        def settle(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            to_go, _, times = carry
             found = jnp.where(goal, 0.0, jnp.min(known + weight * to_go[head], axis=1))
             found = jnp.minimum(found, UNREACHABLE)
-            return found, jnp.max(jnp.abs(found - to_go))
+            return found, jnp.max(jnp.abs(found - to_go)), times + 1
 
-        to_go, _ = jax.lax.while_loop(lambda carry: carry[1] > SETTLED, settle, (table[slot + 1], jnp.float32(jnp.inf)))
+        # Rounding of very long times might never settle.
+        start = (table[slot + 1], jnp.float32(jnp.inf), jnp.int32(0))
+        to_go, _, _ = jax.lax.while_loop(
+            lambda carry: (carry[1] > SETTLED) & (carry[2] <= network.nodes), settle, start
+        )
         return table.at[slot].set(to_go), None
 
     table, _ = jax.lax.scan(one_slot, start, (jnp.arange(slots), crossing), reverse=True)

@@ -87,7 +87,7 @@ class Local(eqx.Module):
     onward: Float[Array, "exit 2"]  # m, from each next node to the destination
     length: Float[Array, " exit"]  # m
     crossing: Float[Array, " exit"]  # s to cross each exit at the speed that is seen on it now
-    left: Int[Array, " exit"]  # crossings since each next node was left; TRAIL + 1 or more where it is not remembered
+    left: Int[Array, " exit"]  # crossings since each next node was left; TRAIL + 1 where it is not remembered
 
 
 class Usual(eqx.Module):

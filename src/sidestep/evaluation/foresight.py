@@ -119,7 +119,17 @@ def foresee(
 
     key = purpose_key(place, "test")
     params, once = world(replace(scenario, flows="forecast"), 1)
-    (route,) = routes(planner, params, once, key, nodes + 1)
+    trace = nodes + 1
+    (route,) = routes(planner, params, once, key, trace)
+    while len(route.nodes) == trace:  # it may go on
+        trace *= 8
+        (route,) = routes(planner, params, once, key, trace)
+    covered = scenario.slots * scenario.slot_seconds
+    if departure + route.seconds > covered and departure > scenario.departures[1]:
+        raise RouteError(
+            f"crowds are known for {covered / 60:g} minutes, but a walk that departs at {departure / 60:g} takes "
+            f"{route.seconds / 60:.0f}; depart earlier"
+        )
     params, todo = world(scenario, futures)
     walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
     return Foresight(planner, route, _metres(place, route), np.asarray(walked.seconds) / 60, np.asarray(walked.arrived))

@@ -20,7 +20,7 @@ class Record:
     level: Level
     minutes: Float[np.ndarray, "map walk"]  # the horizon where a walk did not arrive
     arrived: Bool[np.ndarray, "map walk"]
-    decision_us: float  # microseconds of planning and deciding for each decision
+    decision_us: float  # microseconds of planning and deciding for each decision, without potentials and live feed
 
     @property
     def maps(self) -> int:

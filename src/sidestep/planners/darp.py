@@ -1,7 +1,7 @@
 """The trained agent as a planner. No other planner may import the agent."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import ClassVar
@@ -138,8 +138,10 @@ def _check_place(folder: Path, model: Model, place: CrowdedMap) -> None:
     raise ModelError(f"the model in {folder} remembers the {learned} nodes of {where}; this map is {other}")
 
 
-def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset) -> dict[str, Factory]:
+def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset, goals: int = 1) -> dict[str, Factory]:
     """Agents that are trained before they walk: ``darp`` by the preset of this name, and the baselines that learn.
+
+    They learn so many ``goals`` (destinations), or more where their preset does.
 
     Where a scenario has maps of its own to train on, that is done once for all maps.
     """
@@ -147,9 +149,12 @@ def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset) -> dict[
     size = scenario.side**2
     configs = {Darp.name: preset(name, level, several_maps=several, nodes=size)}
     configs["dqn"] = preset("dqn", level, several_maps=several, nodes=size)
-    if not several:
+    if not several and goals == 1:
         configs["tabular-q"] = preset("tabular-q")
-    return {key: _factory(scenario, seed, config) for key, config in configs.items()}
+    return {
+        key: _factory(scenario, seed, replace(config, goals=max(config.goals, goals)))
+        for key, config in configs.items()
+    }
 
 
 def _factory(scenario: Scenario, seed: int, config: TrainConfig) -> Factory:

@@ -30,6 +30,17 @@ class RushHours:
     deviation: float = 0.4  # of the logarithm
     shifting: bool = False  # crowded nodes are drawn anew for every walk
 
+    def __post_init__(self) -> None:
+        low, high = self.amplitude
+        if not (0 <= low <= high < math.inf and 0 < self.period < math.inf):
+            raise ScenarioError(
+                f"rush hours need amplitudes in order and a positive period, not {low}, {high} and {self.period}"
+            )
+        if not (0 <= self.memory < 1 and 0 <= self.deviation < math.inf):
+            raise ScenarioError(
+                f"noise needs a memory from 0 to below 1 and a deviation, not {self.memory} and {self.deviation}"
+            )
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -78,9 +89,19 @@ class Scenario:
         mean, deviation = self.crowded_volume
         if not (0 < mean < math.inf and 0 <= deviation < math.inf):
             raise ScenarioError(f"crowded_volume must be a positive mean and a deviation, not {mean} and {deviation}")
+        self._check_walks()
         for name in ("slot_seconds", "horizon"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ScenarioError(f"{name} must be a positive number of seconds, not {getattr(self, name)}")
+
+    def _check_walks(self) -> None:
+        earliest, latest = self.departures
+        if not 0 <= earliest <= latest < math.inf:
+            raise ScenarioError(f"departures must be two times in order, not {earliest} and {latest}")
+        if min((self.maps, self.walks, *self.sides)) < 1 or self.training_maps < 0:
+            raise ScenarioError("numbers of maps and walks and sides of larger maps must be positive")
+        if self.larger and not self.training_maps:
+            raise ScenarioError("maps of several sizes need maps of one size to train on: training_maps")
 
     @property
     def origin(self) -> int:
@@ -99,8 +120,8 @@ class Scenario:
 
     @property
     def slots(self) -> int:
-        """Slots that the horizon spans."""
-        return math.ceil(self.horizon / self.slot_seconds)
+        """Slots from the scenario's start to the horizon of the latest departure."""
+        return math.ceil((self.departures[1] + self.horizon) / self.slot_seconds)
 
 
 _RUSH: dict[str, Any] = {

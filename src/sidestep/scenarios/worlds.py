@@ -43,18 +43,8 @@ def make_environment(
 Futures = tuple[SpeedField, LiveToGo | None]  # and what level live works out from their counts
 
 
-def renew_crowds(
-    scenario: Scenario, place: CrowdedMap, params: EnvParams, number: int, crowds: int, first: int
-) -> EnvParams:
-    """The environment of a training with ``crowds`` of its futures, from ``first`` on, replaced by new ones.
-
-    ``number`` counts the renewals, from 1.
-    """
-    return put_crowds(params, new_crowds(scenario, place, params, number, crowds), jnp.int32(first))
-
-
 def new_crowds(scenario: Scenario, place: CrowdedMap, params: EnvParams, number: int, crowds: int) -> Futures:
-    """The futures of renewal ``number``."""
+    """Other futures for a training, those of renewal ``number``, counted from 1."""
     usual = params.usual if params.level == "live" else None
     return _futures(scenario, place, usual, _future_key(place, "learn", number), crowds)
 
@@ -126,7 +116,8 @@ def _futures(
 def destinations(parts: tuple[int, ...], goals: int) -> Int[np.ndarray, "goal part"]:
     """Where walks may go: on each part its upper right corner, then other nodes, all different, as many as asked.
 
-    There is one node of each part to a goal, and no part's first node is among them.
+    There is one node of each part to a goal, and no part's first node is among them. The other nodes depend on the
+    size of the map alone, so that a model and those it is compared with mean the same ones.
     """
     first = np.cumsum((0, *parts[:-1]))
     if not 1 <= goals <= min(parts) - 1:
@@ -147,6 +138,7 @@ def sampler(
 ) -> InstanceSampler:
     """The scenario's walks, or walks from anywhere, to ``goals``, through the first ``crowds`` futures."""
     goals = destinations(place.parts, 1) if goals is None else goals
+    _check_futures(params, len(goals))
     part = np.repeat(np.arange(len(place.parts)), place.parts)
     first = np.cumsum((0, *place.parts[:-1]))
     # Both have as many candidates, so that training from either is the same compiled program.
@@ -179,10 +171,12 @@ def instances(
     origin, destination = begins[:-1][on], begins[1:][on] - 1
     crowd = number % params.crowds.count
     if goals is not None:
+        _check_futures(params, len(goals))
         destination = goals[crowd % len(goals), on]
         # Uniform over the part's other nodes.
         others = np.asarray(place.parts)[on] - 1
-        step = 1 + np.floor(np.random.default_rng([_ORIGINS, first]).random(walks) * others)
+        rng = np.random.default_rng([*jax.random.key_data(place.key).tolist(), first])
+        step = 1 + np.floor(rng.random(walks) * others)
         origin = begins[on] + (destination - begins[on] + step) % (others + 1)
     earliest, latest = scenario.departures
     return Instance(
@@ -193,5 +187,10 @@ def instances(
     )
 
 
+def _check_futures(params: EnvParams, goals: int) -> None:
+    """Each crowd is for one goal."""
+    if params.crowds.count < goals:
+        raise ScenarioError(f"{goals} destinations need as many futures, but there are {params.crowds.count}")
+
+
 _GOLDEN = (math.sqrt(5) - 1) / 2
-_ORIGINS = 7  # makes a stream of its own
