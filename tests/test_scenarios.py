@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sidestep.environment.types import EnvParams
-from sidestep.scenarios.catalogue import BUILT_IN, LAWS, Scenario, ScenarioError, scenario
+from sidestep.scenarios.catalogue import BUILT_IN, LAWS, RushHours, Scenario, ScenarioError, scenario
 from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map, fingerprint
 from sidestep.scenarios.worlds import destinations, instances, make_environment, new_crowds, put_crowds, sampler
 
@@ -93,6 +93,10 @@ def test_unknown_fields() -> None:
         (dict(horizon=float("inf")), "horizon must be a positive"),
         (dict(slot_seconds=0.0), "slot_seconds must be a positive"),
         (dict(slot_seconds=-300.0), "slot_seconds must be a positive"),
+        (dict(departures=(600.0, 300.0)), "departures must be two times in order, not 600.0 and 300.0"),
+        (dict(departures=(-1.0, 300.0)), "departures must be two times in order"),
+        (dict(maps=0), "numbers of maps and walks"),
+        (dict(larger=(8,)), "maps of several sizes need maps of one size to train on"),
     ],
 )
 def test_scenarios_that_cannot_be(changes: dict, message: str) -> None:
@@ -591,3 +595,22 @@ def test_walks_from_anywhere_go_to_each_destination_in_turn() -> None:
     assert np.asarray(walks.crowd).tolist() == list(range(90))
     others = instances(small(), place, params, 90, first=90, goals=goals)
     assert (np.asarray(others.origin) != np.asarray(walks.origin)).any()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (dict(amplitude=(0.8, 0.2)), "amplitudes in order and a positive period"),
+        (dict(period=0.0), "amplitudes in order and a positive period"),
+        (dict(memory=1.0), "a memory from 0 to below 1 and a deviation, not 1.0"),
+        (dict(deviation=-0.1), "a memory from 0 to below 1 and a deviation"),
+    ],
+)
+def test_rush_hours_that_cannot_be(changes: dict, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        RushHours(**changes)
+
+
+def test_futures_last_to_the_horizon_of_the_latest_departure() -> None:
+    # half an hour and an hour are 18 slots
+    assert small(departures=(0.0, 1800.0)).slots == 18

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sidestep.environment.knowledge import live_to_go, usual_to_go
-from sidestep.environment.types import EnvParams, one_crowd
+from sidestep.environment.types import EnvParams, Instance, one_crowd
 from sidestep.planners.base import Planner, routes, walk_plan
 from sidestep.planners.greedy import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.search import Clairvoyant
@@ -145,3 +145,26 @@ def test_none_beats_the_clairvoyant() -> None:
         assert (seconds >= least * (1 - 1e-5)).all()
         # Who knows the map comes near the bound.
         assert planner.level == "local" or seconds.mean() < 1.05 * least.mean()
+
+
+def test_walks_that_a_level_knows_nothing_about_are_refused() -> None:
+    problem = scenario("rush-16", side=3, crowded_nodes=1, horizon=3600.0)
+    place = draw_map(problem, 0)
+    goals = np.array([[8], [2]])
+    params = make_environment(problem, place, "test", 2, level="live", goals=goals)
+    todo = instances(problem, place, params, 2, goals=goals)
+    assert np.asarray(todo.destination).tolist() == [8, 2]
+
+    def walk(todo: Instance) -> None:
+        walk_plan(Forecast(), params, Forecast().plan(params, todo), todo, jax.random.key(0))
+
+    walk(todo)
+    elsewhere = replace(todo, destination=jnp.array([8, 5]))
+    with pytest.raises(ValueError, match="no ways to node 5 are known"):
+        walk(elsewhere)
+    with pytest.raises(ValueError, match="crowd number c is for goal number c modulo goals"):
+        walk(replace(todo, crowd=jnp.array([1, 0])))
+    below = make_environment(problem, place, "test", 2, level="map", goals=goals)
+    plan = Forecast().plan(below, todo)
+    with pytest.raises(ValueError, match="not made for level live"):
+        walk_plan(Forecast(), below, plan, todo, jax.random.key(0))
