@@ -20,8 +20,8 @@ from sidestep.agent.td import mask
 from sidestep.agent.train import RoundReport, TrainState, Transition, _td_error, optimiser, train
 from sidestep.environment.types import EnvParams, Observation, RewardWeights
 from sidestep.scenarios.catalogue import Scenario, scenario
-from sidestep.scenarios.maps import CrowdedMap, draw_map
-from sidestep.scenarios.worlds import new_crowds, put_crowds
+from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map
+from sidestep.scenarios.worlds import destinations, new_crowds, put_crowds
 
 # --- The optimiser --------------------------------------------------------------------------------------------------
 
@@ -464,3 +464,23 @@ def test_fresh_crowds_are_met(
     assert eqx.tree_equal(refreshed[0], stale[0])
     # From the second round on walkers meet others.
     assert not eqx.tree_equal(refreshed[1][0].replay.items.r_t, stale[1][0].replay.items.r_t)
+
+
+@pytest.mark.parametrize("level", ["local", "map", "live"])
+def test_several_maps_and_destinations_are_learned_together(level: str) -> None:
+    several = scenario("unseen-maps", side=3, larger=(), training_maps=2, crowded_nodes=1, horizon=3600.0)
+    config = dataclasses.replace(
+        preset("default", level, several_maps=True), rounds=2, round_steps=256, walkers=64, batch=32, capacity=256,
+        hidden=(8,), n_step=2, goals=2, crowds=4, fresh_crowds=2, test_walks=4,
+    )  # fmt: skip
+    place = draw_training_map(several, seed=3)
+    assert place.parts == (9, 9)
+    goals = destinations(place.parts, 2)
+    states = [state for state, _ in follow_training(train(config, several, place))]
+    assert len(states) == 2
+    walks = states[-1].walkers.state.instance
+    # Every walk stays on its own map, and heads for one of the goals there.
+    part, heads_for = walks.origin // 9, walks.destination
+    np.testing.assert_array_equal(part, heads_for // 9)
+    assert set(heads_for.tolist()) == set(goals.ravel().tolist())
+    np.testing.assert_array_equal(heads_for, goals[walks.crowd % 2, part])

@@ -53,11 +53,11 @@ def observe_map(params: EnvParams, state: EnvState) -> Observation:
     local, known = seen.local, params.usual
     if local is None or known is None:
         raise ValueError("level map needs EnvParams.usual")
-    table = known.table[known.goal[state.instance.destination]]
+    goal = known.goal[state.instance.destination]
     segment = params.network.exit_segment[state.node]
     usual = Usual(
         crossing=local.length / params.expected.speed[segment, _slot(params, state)],
-        to_go=at_clock(table, params.crowds.slot_seconds, state.clock + local.crossing, local.onto),
+        to_go=at_clock(known.table, params.crowds.slot_seconds, state.clock + local.crossing, local.onto, goal),
     )
     return replace(seen, usual=usual, estimate=local.crossing + usual.to_go)
 
@@ -73,7 +73,8 @@ def observe_live(params: EnvParams, state: EnvState) -> Observation:
         raise ValueError("level live needs EnvParams.live")
     slot, crowd = _slot(params, state), state.instance.crowd
     part = jnp.clip(state.clock / params.crowds.slot_seconds - slot, 0.0, 1.0)
-    begin, end = known.forecast[crowd, slot][:, params.network.exit_segment[state.node]]
+    segment = params.network.exit_segment[state.node]
+    begin, end = known.forecast[crowd, slot, 0, segment], known.forecast[crowd, slot, 1, segment]
     live = Live(
         snapshot=local.crossing + known.snapshot[crowd, slot, local.onto],
         forecast=(1 - part) * begin + part * end,

@@ -105,14 +105,19 @@ def field_to_go(
 
 
 def at_clock(
-    table: Float[Array, "slot node"],
+    table: Float[Array, "*goal slot node"],
     slot_seconds: float,
     clock: Float[Array, " n"],
     node: Int[Array, " n"],
+    goal: Int[Array, ""] | None = None,
 ) -> Float[Array, " n"]:
-    """Seconds to go from nodes at clocks, linear between the beginnings of slots."""
-    last = table.shape[0] - 1
+    """Seconds to go from nodes at clocks, linear between the beginnings of slots; ``goal`` picks one of several tables.
+
+    (It is part of the index, since picking a table first would copy it for every walker.)
+    """
+    which = () if goal is None else (goal,)
+    last = table.shape[-2] - 1
     position = jnp.clip(clock / slot_seconds, 0.0, last)
     slot = jnp.floor(position).astype(jnp.int32)
     part = position - slot
-    return (1 - part) * table[slot, node] + part * table[jnp.minimum(slot + 1, last), node]
+    return (1 - part) * table[(*which, slot, node)] + part * table[(*which, jnp.minimum(slot + 1, last), node)]

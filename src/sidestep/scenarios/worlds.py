@@ -175,8 +175,8 @@ def instances(
         destination = goals[crowd % len(goals), on]
         # Uniform over the part's other nodes.
         others = np.asarray(place.parts)[on] - 1
-        rng = np.random.default_rng([*jax.random.key_data(place.key).tolist(), first])
-        step = 1 + np.floor(rng.random(walks) * others)
+        uniform = jax.random.uniform(jax.random.fold_in(place.key, _ORIGINS + first), (walks,))
+        step = 1 + jnp.minimum((uniform * others).astype(jnp.int32), others - 1)
         origin = begins[on] + (destination - begins[on] + step) % (others + 1)
     earliest, latest = scenario.departures
     return Instance(
@@ -193,4 +193,5 @@ def _check_futures(params: EnvParams, goals: int) -> None:
         raise ScenarioError(f"{goals} destinations need as many futures, but there are {params.crowds.count}")
 
 
+_ORIGINS = 1_000  # beyond the numbers of purposes
 _GOLDEN = (math.sqrt(5) - 1) / 2
