@@ -30,7 +30,6 @@ class Case:
     scenario: str
     levels: tuple[str, ...]
     walks: int  # on each map
-    destinations: int | None = None  # to learn and to walk to, from anywhere; None walks corner to corner
 
 
 CASES = {
@@ -40,7 +39,6 @@ CASES = {
     "rush-32": Case("rush-32", ("live",), 500),
     "shifting-crowds": Case("shifting-crowds", ("local",), 600),
     "unseen-maps": Case("unseen-maps", ("map",), 100),
-    "anywhere": Case("rush-16", ("local", "map"), 1_000, destinations=16),
 }
 PLANNERS = (
     "shortest-path", "greedy-local", "expected", "greedy-map", "snapshot", "forecast", "clairvoyant",
@@ -72,14 +70,13 @@ and quarter of an hour; then they can walk that map only. `live` and everything 
 remembers none, and can walk any map.
 
 Times to go are time-dependent potentials ([`environment/potentials.py`](../src/sidestep/environment/potentials.py)):
-one pass by decreasing time for all origins and departures. They are linear within slots of five minutes; against exact
-search they are off by 0.03 % in the mean and 1.8 % at most (60 random origins and departures, 256 nodes).
+one pass by decreasing time for all origins and departures. They are linear within slots of five minutes;
+[the benchmark](../benchmarks/README.md) says how far that is from exact search, and how long the live feed takes.
 
 Agents train on crowds of their own. Those of the walks below come from another random stream (`learn` and `test` are
 part of every key), and the maps of `unseen-maps` from another stream than those trained on. Differences are paired walk
 by walk; intervals are 95 % bootstraps over walks, or over maps where there are several. Walks that have not arrived by
-the horizon count as the horizon. The live feed (snapshots and forecasts of every slot) is worked out before the walks,
-1 ms a slot for 256 crossings and 5 ms for 1,024.
+the horizon count as the horizon. The live feed (snapshots and forecasts of every slot) is worked out before the walks.
 
 ## Goals
 
@@ -122,8 +119,6 @@ GOALS = [
         "shifting-crowds", "darp", "half of the way from `greedy-local` to `snapshot`", "greedy-local", "snapshot", 0.5
     ),
     Goal("unseen-maps", "darp", "faster than `expected`", "expected"),
-    Goal("anywhere", "darp-local", "faster than `expected`", "expected"),
-    Goal("anywhere", "darp-map", "faster than `expected`", "expected"),
 ]
 
 
@@ -177,7 +172,6 @@ def run(name: str, case: Case, folder: Path) -> None:
         maps=[0] if learned.index is not None else range(problem.maps),
         walks=case.walks,
         seed=SEED,
-        destinations=case.destinations,
     )
     results = {"trained": seconds, **compared.as_json()}
     results["goals"] = [{**asdict(goal), **judged(goal, compared)} for goal in GOALS if goal.scenario == name]
@@ -186,8 +180,7 @@ def run(name: str, case: Case, folder: Path) -> None:
 
 def training(case: Case, level: str) -> list[str]:
     """The command, without its output."""
-    destinations = [] if case.destinations is None else ["--destinations", str(case.destinations)]
-    return ["train", case.scenario, "--level", level, *destinations]
+    return ["train", case.scenario, "--level", level]
 
 
 def judged(goal: Goal, compared: object) -> dict[str, object]:
@@ -233,8 +226,6 @@ def section(name: str, found: dict[str, object]) -> str:
     maps, walks = found["maps"], found["walks"]
     case, summary = CASES[name], BUILT_IN[CASES[name].scenario].summary
     text = f"\n### {name}\n\n{summary[0].upper()}{summary[1:]}. "
-    if case.destinations is not None:
-        text += f"Here from anywhere to {case.destinations} destinations. "
     text += f"{maps} map{'s' * (maps > 1)}, {walks} walks{' on each' * (maps > 1)}.\n\n"
     for level, cost in found["trained"].items():
         text += (
