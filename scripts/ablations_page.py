@@ -20,7 +20,7 @@ from sidestep.scenarios.catalogue import BUILT_IN
 DOCS = Path(__file__).parents[1] / "docs"
 SCENARIO = "rush-16"
 LEVELS = {"local": "greedy-local", "map": "greedy-map"}  # and the planner that an untrained agent is
-AT_MAP = ("default", "no-dueling", "prioritised", "one-step", "no-potential")  # what is tried there
+AT_MAP = ("default", "no-dueling", "prioritised", "one-step")  # what is tried there
 VARIANTS: dict[str, tuple[str, ...]] = {
     "default": (),
     "no-dueling": ("--no-dueling",),
@@ -46,6 +46,10 @@ walks; each agent was trained once. Settings were chosen on this map; [levels.md
 - `no-potential`: Q is learned from nothing (`--no-potential`); the estimate remains one of the inputs.
 - `dqn`: no dueling heads, no double Q-learning, uniform replay (`--preset dqn`).
 
+What it shows, on this one map: dueling heads, double Q-learning and priorities make no difference that
+these walks could tell from chance, and plain `dqn` does as well. Returns of six steps cost half a minute at level `local`,
+where exploration spoils them. Beginning from the level's estimate and not discounting may be worth 0.2 minutes each. What
+carries the agents is what they see and how they score it, street by street.
 """
 
 
