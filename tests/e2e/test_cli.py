@@ -315,7 +315,10 @@ def test_bad_input_gets_one_sentence(sidestep, args, says, tmp_path):
         ("train paper-congested --n-step 0", "n_step must be at least 1, not 0"),
         ("train paper-congested --n-step 41", "n_step must be at most the 40 iterations of a round, not 41"),
         ("train paper-congested --destinations 0", "goals must be at least 1, not 0"),
-        ("train paper-congested --destinations 36", "there must be between 1 and 35 destinations, not 36"),
+        (
+            "train paper-congested --level local --destinations 36",
+            "there must be between 1 and 35 destinations, not 36",
+        ),
         ("train rush-16 --level live --destinations 3", "at level live goals must divide the"),
     ],
 )
