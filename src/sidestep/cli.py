@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from cyclopts import Token
 
-    from sidestep.agent.config import TrainConfig
-    from sidestep.environment.types import Seen
     from sidestep.scenarios.catalogue import Scenario
 
 INTERRUPTED, BAD_INPUT = 130, 2
@@ -177,7 +175,7 @@ def train(
         raise SidestepError("--resume needs --out, the folder of the model to go on with")
     _start_jax()
     from sidestep.agent import checkpoint
-    from sidestep.agent.config import changed
+    from sidestep.agent.config import changed, preset_for
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
     from sidestep.scenarios.maps import draw_training_map
@@ -185,7 +183,7 @@ def train(
 
     problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
     config = changed(
-        _config(problem, preset, level),
+        preset_for(problem, preset, level),
         rounds=rounds, goals=destinations, gamma=gamma, n_step=n_step, alpha=alpha, double=double, dueling=dueling,
         potential=potential,
     )  # fmt: skip
@@ -452,14 +450,6 @@ def _scenario(name: str, **changes: object) -> "Scenario":
     from sidestep.scenarios.catalogue import scenario
 
     return scenario(name, **{field: value for field, value in changes.items() if value is not None})
-
-
-def _config(
-    problem: "Scenario", name: 'Literal["default", "paper", "dqn", "tabular-q"]', level: "Seen | None"
-) -> "TrainConfig":
-    from sidestep.agent.config import preset
-
-    return preset(name, level or problem.level, several_maps=bool(problem.training_maps), nodes=problem.side**2)
 
 
 def _at_least(name: str, value: int, least: int) -> int:

@@ -5,6 +5,7 @@ from typing import Literal
 
 from sidestep.environment.types import Seen
 from sidestep.errors import SidestepError
+from sidestep.scenarios.catalogue import Scenario
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,12 @@ def preset(name: Preset, level: Seen = "position", *, several_maps: bool = False
     if level == "live" and nodes > _MANY_NODES:
         config = replace(config, crowds=16, fresh_crowds=1, test_walks=8, rounds=80)
     return replace(config, dueling=False, double=False, alpha=0.0) if name == "dqn" else config
+
+
+def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> TrainConfig:
+    """The preset that fits a scenario's maps, at its own level unless another is given."""
+    several = bool(scenario.training_maps)
+    return preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
 
 
 # Each of a gradient step's 64 transitions, the latest of each walker, changes its number by 1/64 of its error: where

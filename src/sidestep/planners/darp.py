@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.agent.checkpoint import Model, TrainingRun, load_model
-from sidestep.agent.config import Preset, TrainConfig, preset
+from sidestep.agent.config import Preset, TrainConfig, preset, preset_for
 from sidestep.agent.train import QNetwork, greedy, shown, train
 from sidestep.environment.types import EnvParams, Instance, Observation, Seen
 from sidestep.errors import SidestepError
@@ -141,15 +141,11 @@ def _check_place(folder: Path, model: Model, place: CrowdedMap) -> None:
 def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset, goals: int = 1) -> dict[str, Factory]:
     """Agents that are trained before they walk: ``darp`` by the preset of this name, and the baselines that learn.
 
-    They learn so many ``goals`` (destinations), or more where their preset does.
-
-    Where a scenario has maps of its own to train on, that is done once for all maps.
+    They learn so many ``goals`` (destinations), or more where their preset does. Where a scenario has maps of its own
+    to train on, that is done once for all maps.
     """
-    several = bool(scenario.training_maps)
-    size = scenario.side**2
-    configs = {Darp.name: preset(name, level, several_maps=several, nodes=size)}
-    configs["dqn"] = preset("dqn", level, several_maps=several, nodes=size)
-    if not several and goals == 1:
+    configs = {Darp.name: preset_for(scenario, name, level), "dqn": preset_for(scenario, "dqn", level)}
+    if not scenario.training_maps and goals == 1:
         configs["tabular-q"] = preset("tabular-q")
     return {
         key: _factory(scenario, seed, replace(config, goals=max(config.goals, goals)))

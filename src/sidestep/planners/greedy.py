@@ -35,7 +35,9 @@ def _as_it_stands(seen: Observation) -> Float[Array, " exit"]:
 
 
 class _Replanning:
-    """Nothing is planned beforehand."""
+    """Nothing is planned beforehand; at every crossing the exit of the least time, as the level reckons, is taken."""
+
+    decide: ClassVar[DecideByPlan] = staticmethod(least(_reckoned))
 
     def plan(self, _params: EnvParams, instances: Instance) -> Plan:
         return Plan(None, jnp.asarray(np.zeros(instances.origin.shape[0])))
@@ -47,7 +49,6 @@ class GreedyLocal(_Replanning):
     name: ClassVar[str] = "greedy-local"
     level: ClassVar[Level] = "local"
     sees: ClassVar[Seen] = "local"
-    decide: ClassVar[DecideByPlan] = staticmethod(least(_reckoned))
 
 
 class GreedyMap(_Replanning):
@@ -56,7 +57,6 @@ class GreedyMap(_Replanning):
     name: ClassVar[str] = "greedy-map"
     level: ClassVar[Level] = "map"
     sees: ClassVar[Seen] = "map"
-    decide: ClassVar[DecideByPlan] = staticmethod(least(_reckoned))
 
 
 class Snapshot(_Replanning):
@@ -74,4 +74,3 @@ class Forecast(_Replanning):
     name: ClassVar[str] = "forecast"
     level: ClassVar[Level] = "live"
     sees: ClassVar[Seen] = "live"
-    decide: ClassVar[DecideByPlan] = staticmethod(least(_reckoned))
