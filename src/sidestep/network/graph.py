@@ -114,10 +114,15 @@ def road_network(
         raise NetworkError(f"exits are numbered 0 to {exits - 1}, but there are {exit_of.min()} to {exit_of.max()}")
     exit_node = np.full((nodes, exits), ABSENT, np.int32)
     exit_segment = np.full((nodes, exits), ABSENT, np.int32)
-    for segment, (start, way) in enumerate(zip(tail, exit_of, strict=True)):
-        if exit_segment[start, way] != ABSENT:
-            raise NetworkError(f"segments {exit_segment[start, way]} and {segment} share exit {way} of node {start}")
-        exit_node[start, way], exit_segment[start, way] = head[segment], segment
+    slot = tail.astype(np.int64) * exits + exit_of
+    order = np.argsort(slot, kind="stable")
+    shared = slot[order[1:]] == slot[order[:-1]]
+    if shared.any():
+        # The one that comes first in the list, as if the segments were put in one by one.
+        segment = int(order[1:][shared].min())
+        other = int(np.argmax(slot == slot[segment]))
+        raise NetworkError(f"segments {other} and {segment} share exit {exit_of[segment]} of node {tail[segment]}")
+    exit_node.flat[slot], exit_segment.flat[slot] = head, np.arange(len(head))
     return RoadNetwork(*map(jnp.asarray, (position, exit_node, exit_segment, tail, head, length, width)))
 
 
