@@ -409,6 +409,38 @@ def counts(
     console.show_counts(summary, seed)
 
 
+@app.command(name="import-osm")
+def import_osm(
+    file: Annotated[Path, Parameter(help="OpenStreetMap extract: .osm, .osm.gz, .osm.bz2 or .osm.pbf.")],
+    /,
+    *,
+    out: Annotated[
+        Path, Parameter(help="File for the streets; its ending, .npz, .graphml or .geojson, is the format.")
+    ],
+    merge: Annotated[float, Parameter(help="Metres: crossings nearer than this along a street become one.")] = 8.0,
+    width: Annotated[
+        list[str] | None,
+        Parameter(negative=(), help="KIND=METRES that walkers have where no tag says it; may be given several times."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Turn an OpenStreetMap extract into streets for walkers, and say what was kept and dropped."""
+    from sidestep.files import output_folder
+    from sidestep.network.io import check_suffix, save_town
+    from sidestep.network.osm import import_osm as read
+
+    check_suffix(out)
+    widths = dict(_width(option) for option in width or [])
+    output_folder(out.parent)
+    town, report = read(file, merge=merge, widths=widths)
+    save_town(town, out)
+    if as_json:
+        print(json.dumps({**asdict(report), "out": str(out)}, indent=2, ensure_ascii=False))
+        return
+    console.show_import(report)
+    print(f"Streets: {out} ({town.attribution})")
+
+
 def main() -> None:
     """Run the command line: 2 on bad input, 130 on Ctrl-C, one sentence for each."""
     try:
@@ -456,6 +488,14 @@ def _at_least(name: str, value: int, least: int) -> int:
     if value < least:
         raise SidestepError(f"--{name} must be at least {least}, not {value}")
     return value
+
+
+def _width(option: str) -> tuple[str, float]:
+    kind, _, metres = option.partition("=")
+    try:
+        return kind.strip(), float(metres)
+    except ValueError as error:
+        raise SidestepError(f"--width must be KIND=METRES, such as footway=2.5, not {option!r}") from error
 
 
 def _minutes(by: float | None) -> None:

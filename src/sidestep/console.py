@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sidestep.evaluation.compare import Results
     from sidestep.evaluation.foresight import PlannedWalk
     from sidestep.flow.summary import CountSummary
+    from sidestep.network.osm import ImportReport
 
 WIDTH = 160  # where the output is no terminal
 
@@ -92,6 +93,24 @@ def show_counts(summary: "CountSummary", seed: int) -> None:
     for name, error in summary.rmse.items():
         table.add_row(name, f"{error:.1f}")
     _print(table)
+
+
+def show_import(report: "ImportReport") -> None:
+    """Print what an import of streets kept, what it dropped, and why."""
+    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways are walked")
+    table = _table("", ">crossings", ">streets", ">km", title="")
+    for what, nodes, streets, kilometres in (
+        ("before merging", report.nodes_before, report.streets_before, report.kilometres_before),
+        ("kept", report.nodes, report.streets, report.kilometres),
+    ):
+        table.add_row(what, f"{nodes:,}", f"{streets:,}", f"{kilometres:,.1f}")
+    _print(table)
+    table = _table("dropped or repaired", ">number", title="")
+    for what, number in (*report.dropped.items(), *report.repaired.items()):
+        table.add_row(what, f"{number:,}")
+    if table.row_count:
+        _print(table)
+    print(f"At most {report.most_exits} streets leave one crossing.")
 
 
 class Advance:

@@ -171,17 +171,17 @@ def _read_ways(path: Path, form: str, table: Mapping[str, float]) -> _Ways:
             continue
         ways.seen += 1
         if way.id in seen:
-            ways.dropped["given twice"] += 1
+            ways.dropped["way: given twice"] += 1
             continue
         seen.add(way.id)
         tags = dict(way.tags)
         refs = [node.ref for node in way.nodes]
-        why = walkable.refusal(tags) or ("fewer than two nodes" if len(refs) < 2 else None)
+        why = walkable.refusal(tags) or ("way: fewer than two nodes" if len(refs) < 2 else None)
         if why is not None:
             ways.dropped[why] += 1
             continue
         width, nonsense = walkable.room(tags, table)
-        ways.repaired["widths that make no sense, passed over"] += nonsense
+        ways.repaired["way: width that makes no sense, passed over"] += nonsense
         only = walkable.direction(tags)
         ways.refs.extend(refs if only >= 0 else refs[::-1])
         ways.counts.append(len(refs))
@@ -229,7 +229,7 @@ def _split(ways: _Ways, nodes: _Nodes) -> Streets:
     node = np.searchsorted(nodes.ids, np.frombuffer(ways.refs, np.int64))
     way = np.repeat(np.arange(len(ways.counts)), np.frombuffer(ways.counts, np.int64))
     there = ~np.isnan(nodes.place[node, 0])
-    ways.repaired["ways cut off by the extract's edge"] += len(np.unique(way[~there]))
+    ways.repaired["way: cut where the file lacks nodes"] += len(np.unique(way[~there]))
     cut = np.append(True, (way[1:] != way[:-1]) | ~there[:-1])
     piece = np.cumsum(cut)[there]
     node, way = node[there], way[there]
@@ -262,14 +262,14 @@ def _split(ways: _Ways, nodes: _Nodes) -> Streets:
 def _town(path: Path, ways: _Ways, nodes: _Nodes, streets: Streets, merge: float) -> tuple[Town, ImportReport]:
     dropped, repaired = Counter(ways.dropped), Counter(ways.repaired)
     inside = simplify.largest_part(streets)
-    dropped["street apart from the largest part"] += int((~inside).sum())
+    dropped["street: apart from the largest part"] += int((~inside).sum())
     before = streets = simplify.keep(streets, inside)
     own_way = np.array([kind in walkable.WHOLE for kind in walkable.WIDTHS])[streets.kind]
     streets = simplify.give_to_one(streets, nodes.standing, own_way)
     streets, short = simplify.merge_crossings(streets, nodes.place, _flat(nodes.place), nodes.ids, merge)
-    dropped["street within a merged crossing"] += short
+    dropped["street: within a merged crossing"] += short
     streets, changed = simplify.tidy(streets, merge)
-    repaired["nodes where just two streets met, smoothed away"] += changed.pop("joined", 0)
+    repaired["crossing: only two streets met, joined"] += changed.pop("joined", 0)
     dropped += changed
     if not len(streets):
         raise OsmError(f"{path} has no street between two crossings, once those within {merge:g} m are merged")

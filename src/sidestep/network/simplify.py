@@ -123,10 +123,10 @@ def tidy(streets: Streets, metres: float) -> tuple[Streets, Counter[str]]:
     while len(streets):
         before = changed.total()
         loops = streets.tail == streets.head
-        changed["loop"] += int(loops.sum())
+        changed["street: begins and ends at one crossing"] += int(loops.sum())
         streets = keep(streets, ~loops)
         parallel = _parallel(streets, metres)
-        changed["parallel street"] += int(parallel.sum())
+        changed["street: hardly longer than a parallel one"] += int(parallel.sum())
         streets = keep(streets, ~parallel)
         streets, joined = _smooth(streets)
         changed["joined"] += joined

@@ -64,19 +64,19 @@ def refusal(tags: Tags) -> str | None:
     allowed = foot in _ALLOWED
     why = None
     if kind not in WIDTHS:
-        why = "no street for walkers"
+        why = "way: not a kind that is walked"
     elif foot == "use_sidepath":
-        why = "pavements are ways of their own"
+        why = "way: its pavements are ways of their own"
     elif foot in _FORBIDDEN or (tags.get("access") in _FORBIDDEN and not allowed):
-        why = "no access"
+        why = "way: no access"
     elif kind in _BY_LEAVE and not allowed and "yes" not in _sides(tags):
-        why = "not for walkers unless a tag says so"
+        why = "way: walked only where a tag says so"
     elif kind not in WHOLE:
         sides = _sides(tags)
         if "separate" in sides and set(sides) <= {"separate", "no"}:
-            why = "pavements are ways of their own"
+            why = "way: its pavements are ways of their own"
         elif kind in _BUSY and sides == ("no", "no") and not allowed:
-            why = "no pavement"
+            why = "way: no pavement"
     return why
 
 
