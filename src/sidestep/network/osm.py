@@ -122,8 +122,8 @@ def import_osm(
         raise OsmError(f"{path} has no streets for walkers: {seen}")
     with _reading(path):
         nodes = _read_nodes(path, form, ways)
-    streets = _split(ways, nodes)
-    if not len(streets):
+    streets = None if np.isnan(nodes.place).all() else _split(ways, nodes)
+    if streets is None or not len(streets):
         raise OsmError(
             f"{path} has no streets: it lacks the nodes that its {len(ways.counts):,} walked ways go through"
         )

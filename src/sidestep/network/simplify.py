@@ -32,7 +32,7 @@ class Streets:
     signals: Int64[np.ndarray, " street"]
     crossings: Int64[np.ndarray, " street"]
     points: Float64[np.ndarray, "point 2"]
-    first: Int64[np.ndarray, " street+1"]
+    first: Int64[np.ndarray, " border"]
 
     def __len__(self) -> int:
         return len(self.tail)
@@ -137,7 +137,7 @@ def tidy(streets: Streets, metres: float) -> tuple[Streets, Counter[str]]:
 
 def spans(
     start: Int[np.ndarray, " span"], count: Int[np.ndarray, " span"], step: Int[np.ndarray, " span"] | int = 1
-) -> tuple[Int[np.ndarray, " point"], Int64[np.ndarray, " span+1"]]:
+) -> tuple[Int[np.ndarray, " point"], Int64[np.ndarray, " border"]]:
     """The numbers of several runs one after the other, and where each run begins."""
     first = np.concatenate([[0], np.cumsum(count, dtype=np.int64)]).astype(np.int64)
     within = np.arange(first[-1]) - np.repeat(first[:-1], count)
@@ -206,6 +206,8 @@ def _parallel(streets: Streets, metres: float) -> Bool[np.ndarray, " street"]:
     """Streets that are hardly longer than others between the same crossings, in all the directions they are walked."""
     low, high = np.minimum(streets.tail, streets.head), np.maximum(streets.tail, streets.head)
     dropped = np.zeros(len(streets), bool)
+    if not len(streets):
+        return dropped
     order = np.lexsort((streets.one_way, streets.length, high, low))
     same = (low[order[1:]] == low[order[:-1]]) & (high[order[1:]] == high[order[:-1]])
     several = np.append(same, False) | np.append(False, same)

@@ -45,7 +45,7 @@ class Town:
     signals: Int16[np.ndarray, " street"]  # crossings with traffic lights on the way along the street
     crossings: Int16[np.ndarray, " street"]  # crossings of vehicle traffic without lights
     points: Float64[np.ndarray, "point 2"]  # longitude, latitude: courses from tail to head, both ends included
-    first: Int64[np.ndarray, " street+1"]  # where each street's course begins in `points`
+    first: Int64[np.ndarray, " border"]  # where each street's course begins in `points`
     attribution: str  # whose data it is, and under which licence
 
     def __post_init__(self) -> None:
@@ -113,7 +113,7 @@ def metres_between(
 
 
 def course_lengths(
-    points: Float[np.ndarray, "point 2"], first: Int[np.ndarray, " street+1"]
+    points: Float[np.ndarray, "point 2"], first: Int[np.ndarray, " border"]
 ) -> Float[np.ndarray, " street"]:
     """Metres along each course of at least two points."""
     legs = metres_between(points[:-1], points[1:])

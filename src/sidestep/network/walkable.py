@@ -46,7 +46,9 @@ _BY_LEAVE = frozenset({"cycleway", "bridleway", "trunk", "trunk_link"})  # walke
 _BUSY = frozenset(
     {"primary", "primary_link", "secondary", "secondary_link", "trunk", "trunk_link"}
 )  # not walked on without a pavement
-_LENGTH = re.compile(r"\s*(\d+(?:[.,]\d+)?|[.,]\d+)\s*(m|metres?|meters?|ft|feet|')?\s*(?:(\d+(?:\.\d+)?)\s*\")?\s*")
+_LENGTH = re.compile(
+    r"\s*(\d+(?:[.,]\d+)?|[.,]\d+)\s*(m|metres?|meters?|ft|feet|')?\s*(?:(\d+(?:\.\d+)?)\s*\")?\s*", re.ASCII
+)
 _FOOT, _INCH = 0.3048, 0.0254
 
 
