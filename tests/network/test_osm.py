@@ -299,7 +299,7 @@ def test_negative_numbers_large_numbers_and_any_order(build, listed, osm, tmp_pa
     assert listed(import_osm(path, merge=0)[0]) == [(1, 2, 100), (2, 3, 150), (2, 4, 80)]
 
 
-def test_a_way_given_twice_counts_once(build, osm, tmp_path) -> None:
+def test_a_way_given_twice_counts_once(osm, tmp_path) -> None:
     lines = osm(T_NODES, T_WAYS).splitlines()
     path = tmp_path / "twice.osm"
     path.write_text("\n".join([*lines[:-1], lines[-2], lines[-1]]), encoding="utf-8")
@@ -386,10 +386,10 @@ def test_towns_without_streets(build, nodes, ways, says: str) -> None:
 
 
 def test_files_that_are_not_there(tmp_path) -> None:
-    with pytest.raises(OsmError, match="cannot read .*missing.osm: no such file"):
+    with pytest.raises(OsmError, match=r"cannot read .*missing\.osm: no such file"):
         import_osm(tmp_path / "missing.osm")
     (tmp_path / "folder.osm").mkdir()
-    with pytest.raises(OsmError, match="folder.osm: is a directory"):
+    with pytest.raises(OsmError, match=r"folder\.osm: is a directory"):
         import_osm(tmp_path / "folder.osm")
     with pytest.raises(OsmError, match="http:/"):
         import_osm("http://localhost/x.osm")  # never fetched

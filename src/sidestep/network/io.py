@@ -19,7 +19,7 @@ from jaxtyping import Float, Float64
 
 from sidestep.files import reason, whole_file, write_text
 from sidestep.network.town import SAME_DEGREES, Town, TownError, course_lengths
-from sidestep.network.walkable import UNKNOWN_WIDTH, WIDTHS, parse_width
+from sidestep.network.walkable import UNKNOWN_WIDTH, WHOLE, WIDTHS, parse_width
 
 FORMAT = 1  # of our own files; counts up when what they hold changes
 SUFFIXES = (".npz", ".graphml", ".geojson")
@@ -33,6 +33,7 @@ _TYPES = {
 _LARGEST = 2**31  # bytes that one file may unpack to; a town of a million streets takes a tenth of it
 _PAIRED = 1.0  # m that a street's length may differ from there to back, where osmnx has rounded or joined
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_LONGEST = 1e9  # m; no street is as long, and single precision holds it
 _COUNTS = np.iinfo(np.int16).max
 
 
@@ -346,11 +347,14 @@ def _words(value: object) -> list[str]:
 
 
 def _width(values: dict[str, Any], kind: str, edge: int) -> float:
-    """The narrowest of the widths that are given and make sense, or what is usual for the kind."""
+    """The narrowest of the widths that are given and make sense, or what is usual for the kind.
+
+    On a road, osmnx passes on the width of the carriageway, which is not walked.
+    """
     said = _words(values.get("width"))
     if "street" in values and said:
         return _number(said[0], "width", edge)  # our own, which may come from a join of the table's
-    found = [width for width in map(parse_width, said) if width is not None]
+    found = [width for width in map(parse_width, said) if width is not None and kind in WHOLE]
     return min(found, default=WIDTHS.get(kind, UNKNOWN_WIDTH))
 
 
@@ -359,8 +363,8 @@ def _number(value: object, what: str, where: object) -> float:
         number = float(str(value))
     except ValueError:
         number = math.nan
-    if not math.isfinite(number):
-        raise TownError(f"{what} of {where!s:.40} is {value!s:.40}, which is no number")
+    if not abs(number) < _LONGEST:
+        raise TownError(f"{what} of {where!s:.40} is {value!s:.40}, which is no number that can be used")
     return number
 
 

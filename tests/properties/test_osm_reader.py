@@ -1,0 +1,177 @@
+"""Whatever the file, there is a sound town or one sentence; never a traceback, and never half a town."""
+
+import gzip
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import osmium
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sidestep.network.io import load_town, save_town
+from sidestep.network.osm import OsmError, import_osm
+from sidestep.network.town import Town, TownError, course_lengths, metres_between
+
+STEP = 0.00003  # degrees, about 3 m: towns in which nearly everything may merge
+KINDS = st.sampled_from(["footway", "steps", "residential", "primary", "pedestrian", "cycleway", "motorway"])
+TAGS = st.fixed_dictionaries(
+    {"highway": KINDS},
+    optional={
+        "oneway": st.sampled_from(["yes", "-1", "no"]),
+        "oneway:foot": st.sampled_from(["yes", "-1", "no"]),
+        "conveying": st.sampled_from(["forward", "backward"]),
+        "width": st.sampled_from(["3", "2 m", "12'", "wide", "-1"]),
+        "sidewalk": st.sampled_from(["both", "left", "no", "separate"]),
+        "access": st.sampled_from(["private", "yes"]),
+        "name": st.sampled_from(["High Street", "Å"]),
+    },
+)
+NODES = st.dictionaries(
+    st.integers(1, 14),
+    st.tuples(st.integers(0, 12), st.integers(0, 12), st.sampled_from(["", "crossing", "traffic_signals"])),
+    min_size=2,
+)
+WAYS = st.lists(st.tuples(st.lists(st.integers(1, 14), min_size=0, max_size=6), TAGS), min_size=1, max_size=10)
+
+
+def xml(nodes, ways) -> bytes:
+    lines = ['<osm version="0.6">']
+    for number, (x, y, stands) in nodes.items():
+        tag = f'<tag k="highway" v="{stands}"/>' if stands else ""
+        lines.append(f'<node id="{number}" lat="{60 + y * STEP:.7f}" lon="{25 + x * STEP:.7f}">{tag}</node>')
+    for number, (refs, tags) in enumerate(ways, 1):
+        through = "".join(f'<nd ref="{ref}"/>' for ref in refs)
+        said = "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
+        lines.append(f'<way id="{number}">{through}{said}</way>')
+    return "\n".join([*lines, "</osm>"]).encode()
+
+
+def check_sound(town: Town) -> None:
+    assert town.streets > 0
+    assert (town.tail != town.head).all()
+    assert (town.width > 0).all()
+    assert (town.signals >= 0).all()
+    along = course_lengths(town.points, town.first)
+    np.testing.assert_allclose(town.length, along, rtol=1e-5)
+    straight = metres_between(town.place[town.tail], town.place[town.head])
+    assert (along >= straight * (1 - 1e-9)).all()
+    np.testing.assert_array_equal(town.points[town.first[:-1]], town.place[town.tail])
+    np.testing.assert_array_equal(town.points[town.first[1:] - 1], town.place[town.head])
+    street, backwards = town.street_of_segment()
+    tail = np.where(backwards, town.head[street], town.tail[street])
+    head = np.where(backwards, town.tail[street], town.head[street])
+    links = coo_array((np.ones(len(tail)), (tail, head)), shape=(town.nodes,) * 2)
+    assert connected_components(links, connection="strong")[0] == 1
+    assert len(set(town.ids.tolist())) == town.nodes
+
+
+def check_sentence(error: Exception, path: Path) -> None:
+    assert str(path) in str(error)
+    assert "\n" not in str(error)
+
+
+@pytest.fixture(scope="module")
+def folder():
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
+
+
+@pytest.fixture(scope="module")
+def valid(folder) -> dict[str, bytes]:
+    """A small town in all formats, and as files of our own."""
+    nodes = {1 + x + 4 * y: (12 * x, 12 * y, "crossing" if x == y else "") for x in range(4) for y in range(4)}
+    rows = [tuple(1 + x + 4 * y for x in range(4)) for y in range(4)]
+    columns = [tuple(1 + x + 4 * y for y in range(4)) for x in range(4)]
+    plain = xml(nodes, [(refs, {"highway": "footway", "name": "Å", "width": "3"}) for refs in [*rows, *columns]])
+    path = folder / "valid.osm"
+    path.write_bytes(plain)
+    with osmium.SimpleWriter(str(folder / "valid.osm.pbf"), overwrite=True) as writer:
+        for thing in osmium.FileProcessor(str(path)):
+            writer.add(thing)
+    town, _ = import_osm(path)
+    save_town(town, folder / "valid.npz")
+    save_town(town, folder / "valid.graphml")
+    return {
+        ".osm": plain,
+        ".osm.gz": gzip.compress(plain),
+        ".osm.pbf": (folder / "valid.osm.pbf").read_bytes(),
+        ".npz": (folder / "valid.npz").read_bytes(),
+        ".graphml": (folder / "valid.graphml").read_bytes(),
+    }
+
+
+def sound_or_refused(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    if ".osm" in path.name:
+        try:
+            town, _ = import_osm(path)
+        except OsmError as error:
+            check_sentence(error, path)
+        else:
+            check_sound(town)
+        return
+    try:
+        town = load_town(path)
+    except TownError as error:
+        check_sentence(error, path)
+    else:
+        town.network()
+
+
+@settings(max_examples=250)
+@given(nodes=NODES, ways=WAYS, merge=st.sampled_from([0.0, 5.0, 20.0]))
+def test_small_towns(folder, nodes, ways, merge: float) -> None:
+    path = folder / "small.osm"
+    path.write_bytes(xml(nodes, ways))
+    try:
+        town, report = import_osm(path, merge=merge)
+    except OsmError as error:
+        check_sentence(error, path)
+        return
+    check_sound(town)
+    assert (report.nodes, report.streets) == (town.nodes, town.streets)
+    assert report.walkable <= report.ways == len(ways)
+    assert all(number > 0 for number in (*report.dropped.values(), *report.repaired.values()))
+    # each crossing of traffic counts for one street at most
+    assert town.signals.sum() <= sum(stands == "traffic_signals" for *_, stands in nodes.values())
+    assert town.crossings.sum() <= sum(stands == "crossing" for *_, stands in nodes.values())
+    for suffix in (".npz", ".graphml"):
+        save_town(town, folder / f"small{suffix}")
+        again = load_town(folder / f"small{suffix}")
+        assert (again.length.tolist(), again.tail.tolist()) == (town.length.tolist(), town.tail.tolist())
+
+
+SUFFIXES = [".osm", ".osm.gz", ".osm.pbf", ".npz", ".graphml"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@settings(max_examples=40)
+@given(content=st.binary(max_size=200))
+def test_random_bytes(folder, suffix: str, content: bytes) -> None:
+    sound_or_refused(folder / f"random{suffix}", content)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@settings(max_examples=60)
+@given(data=st.data())
+def test_truncated_and_mutated(folder, valid, suffix: str, data) -> None:
+    content = bytearray(valid[suffix])
+    for _ in range(data.draw(st.integers(0, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    if data.draw(st.booleans()):
+        content = content[: data.draw(st.integers(0, len(content)))]
+    sound_or_refused(folder / f"mutated{suffix}", bytes(content))
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_mutated_before_packing(folder, valid, data) -> None:
+    """What the checksum of a .gz file would catch, had it not been made of the damaged file."""
+    content = bytearray(valid[".osm"])
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(32, 126))
+    sound_or_refused(folder / "packed.osm.gz", gzip.compress(bytes(content), 1))
