@@ -1,18 +1,19 @@
 """`sidestep import-osm` as people use it."""
 
 import json
-import os
 import subprocess
 import sys
 
 import pytest
 
 from sidestep import cli
+from sidestep.errors import SidestepError
 from sidestep.network.io import load_town
 
 TOWN = """<osm version="0.6">
 <node id="1" lat="60.1" lon="24.9"/><node id="2" lat="60.101" lon="24.9"/><node id="3" lat="60.102" lon="24.9"/>
-<node id="4" lat="60.101" lon="24.902"/><node id="5" lat="60.10102" lon="24.9"/><node id="6" lat="60.10102" lon="24.898"/>
+<node id="4" lat="60.101" lon="24.902"/><node id="5" lat="60.10102" lon="24.9"/>
+<node id="6" lat="60.10102" lon="24.898"/>
 <way id="1"><nd ref="1"/><nd ref="2"/><nd ref="5"/><nd ref="3"/><tag k="highway" v="residential"/></way>
 <way id="2"><nd ref="2"/><nd ref="4"/><tag k="highway" v="footway"/></way>
 <way id="3"><nd ref="5"/><nd ref="6"/><tag k="highway" v="path"/></way>
@@ -27,7 +28,7 @@ def import_osm(tmp_path):
 
     def run(*args):
         command = [sys.executable, "-m", "sidestep", "import-osm", *map(str, args)]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, env={**os.environ})
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
 
     return run
 
@@ -75,21 +76,11 @@ def test_a_damaged_file_is_one_sentence(import_osm, tmp_path) -> None:
         (("town.osm", "--out", "town.osm/town.npz"), "cannot write"),
     ],
 )
-def test_bad_requests(args, says: str, tmp_path, monkeypatch, capfd) -> None:
+def test_bad_requests(args, says: str, tmp_path, monkeypatch) -> None:
     """In this process: each takes a second elsewhere."""
     (tmp_path / "town.osm").write_text(TOWN)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["sidestep", "import-osm", *args])
-
-    def leave(status: int) -> None:
-        raise SystemExit(status)
-
-    monkeypatch.setattr(os, "_exit", leave)
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code == 2
-    said = capfd.readouterr().err
-    assert said.startswith("sidestep: ")
-    assert len(said.splitlines()) == 1
-    assert says in said
+    with pytest.raises(SidestepError) as caught:
+        cli.app(["import-osm", *args], exit_on_error=False, print_error=False)
+    assert says in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["town.osm"]
