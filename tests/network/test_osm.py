@@ -147,6 +147,19 @@ def test_merged_crossings_do_not_grow_without_end(build, listed) -> None:
     assert sorted(np.bincount(np.concatenate([town.tail, town.head]))) == [1] * 6 + [4, 4]
 
 
+def test_merged_crossings_do_not_get_ever_more_streets(build) -> None:
+    # Two stars of 4 rays each, 5 m apart, would be one crossing with 8 neighbours; with 3 and 4 there are 7.
+    def star(centre: int, rays: int) -> dict:
+        return {100 * centre + i: (5 * centre + 60 * np.cos(i), (2 * centre - 3) * (20 + 10 * i)) for i in range(rays)}
+
+    for rays, nodes_left in ((4, 10), (3, 8)):
+        nodes = {1: (5, 0), 2: (10, 0), **star(1, rays), **star(2, 4)}
+        ways = {ray: ((ray // 100, ray), FOOT) for ray in nodes if ray > 2} | {1: ((1, 2), FOOT)}
+        town, report = build(nodes, ways, merge=8)
+        assert town.nodes == nodes_left
+        assert report.most_exits == (5 if rays == 4 else 7)
+
+
 def test_streets_that_cannot_be_walked_both_ways_need_a_way_back(build, listed) -> None:
     nodes = {1: (0, 0), 2: (100, 0), 3: (200, 0), 4: (100, -300), 5: (300, 0)}
     ways = {

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from sidestep.network.town import course_lengths
 
 SAME_PLACE = 0.1  # m; ends nearer than this along a street are one place even where nothing is to be merged
+MOST_NEIGHBOURS = 7  # of a merged crossing; every crossing is padded to the exits of the busiest one
 _MIN_EXCESS = 0.01  # m; streets that differ by less are the same street drawn twice
 
 
@@ -94,9 +95,10 @@ def merge_crossings(
     """Make one crossing of those that streets shorter than `metres` join, and say how many streets that took.
 
     The shortest streets go first, and none goes whose crossing would become larger than twice `metres` (the diagonal
-    of the box around it). Crossings merge only along a street, so a bridge never merges with what is below it. The
-    member nearest to the members' mean stands for the crossing, and the other streets are led on to it in a straight
-    line, which keeps walks across the crossing about as long as they were.
+    of the box around it) or would have streets to more than `MOST_NEIGHBOURS` others. Crossings merge only along a
+    street, so a bridge never merges with what is below it. The member nearest to the members' mean stands for the
+    crossing, and the other streets are led on to it in a straight line, which keeps walks across the crossing about as
+    long as they were.
 
     Crossings of vehicle traffic on a street that goes are handed on to the streets of the merged crossing, to the
     one that has been given fewest so far, and of those to the shortest.
@@ -150,6 +152,7 @@ def _clusters(
     """The number of the cluster that each node belongs to once short streets have been contracted in order."""
     parent = list(range(len(xy)))
     box: dict[int, tuple[float, float, float, float]] = {}
+    near = _neighbours(streets, order)
 
     def root(node: int) -> int:
         while parent[node] != node:
@@ -163,10 +166,27 @@ def _clusters(
         (west, south, east, north), other = (box.get(i, (*xy[i].tolist(), *xy[i].tolist())) for i in (a, b))
         west, south = min(west, other[0]), min(south, other[1])
         east, north = max(east, other[2]), max(north, other[3])
-        if np.hypot(east - west, north - south) <= extent:
+        around = {root(node) for node in near[a] | near[b]} - {a, b}
+        # Nodes at the very same place merge whatever follows, since no street can be 0 m long.
+        same = (west, south) == (east, north)
+        if same or (np.hypot(east - west, north - south) <= extent and len(around) <= MOST_NEIGHBOURS):
             parent[b] = a
             box[a] = (west, south, east, north)
+            near[a] = around
     return np.array([root(node) for node in range(len(xy))], np.int64)
+
+
+def _neighbours(streets: Streets, short: Int[np.ndarray, " short"]) -> dict[int, set[int]]:
+    """The nodes around each end of the short streets."""
+    ends = np.unique(np.concatenate([streets.tail[short], streets.head[short]]))
+    near: dict[int, set[int]] = {node: set() for node in ends.tolist()}
+    touching = np.isin(streets.tail, ends) | np.isin(streets.head, ends)
+    for tail, head in zip(streets.tail[touching].tolist(), streets.head[touching].tolist(), strict=True):
+        if tail in near:
+            near[tail].add(head)
+        if head in near:
+            near[head].add(tail)
+    return near
 
 
 def _hand_on(streets: Streets, gone: Bool[np.ndarray, " street"], stands: Int[np.ndarray, " node"]) -> Streets:
