@@ -217,6 +217,12 @@ def test_graphs_that_make_no_town(old: str, new: str, says: str, tmp_path) -> No
     assert str(path) in str(caught.value)
 
 
+def test_types_that_are_left_out_are_text(tmp_path) -> None:
+    text = OSMNX.read_text(encoding="utf-8").replace(' attr.type="string"', "")
+    (tmp_path / "t.graphml").write_text(text, encoding="utf-8")
+    assert load_town(tmp_path / "t.graphml").streets == 9
+
+
 def test_nodes_called_by_name_are_numbered(tmp_path) -> None:
     text = OSMNX.read_text(encoding="utf-8").replace('"7"', '"tower"')
     (tmp_path / "t.graphml").write_text(text, encoding="utf-8")

@@ -4,6 +4,7 @@ import ast
 import json
 import math
 import re
+import warnings
 import zipfile
 import zlib
 from collections import defaultdict
@@ -88,7 +89,8 @@ def load_town(path: str | Path) -> Town:
     if suffix == ".geojson":
         raise TownError(f"{path} cannot be read: GeoJSON does not say which streets meet; load .npz or .graphml")
     try:
-        with path.open("rb") as file:
+        # The libraries warn of types that a damaged file leaves out; either it can be read all the same, or not.
+        with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
             return _read_npz(file) if suffix == ".npz" else _read_graphml(file)
     except TownError as error:
         raise TownError(f"{path}: {error}") from error
