@@ -203,6 +203,7 @@ def test_a_zip_that_unpacks_to_too_much(tmp_path) -> None:
         ("LINESTRING (0 0, 0", "LINESTRING (0 0 7, 0", "pairs of numbers"),
         ("LINESTRING (0 0, 0", "LINESTRING (0 900, 0", "latitude 900"),
         ('target="1"', 'target="77"', "no number"),  # a node without a place
+        ("encoding='utf-8'", "encoding='utf-T'", "unknown encoding"),
         ("<graph ", "<graf ", "damaged|mismatched|holds no"),
         ("http://graphml.graphdrawing.org/xmlns", "http://else.where", "holds no town|not successfully read"),
     ],

@@ -93,8 +93,8 @@ def load_town(path: str | Path) -> Town:
         with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
             return _read_npz(file) if suffix == ".npz" else _read_graphml(file)
     except TownError as error:
-        raise TownError(f"{path}: {error}") from error
-    except (zipfile.BadZipFile, zlib.error, ParseError, EOFError, KeyError, IndexError, TypeError, ValueError) as error:
+        raise TownError(f"{path}: {' '.join(str(error).split())}") from error
+    except (zipfile.BadZipFile, zlib.error, ParseError, EOFError, LookupError, TypeError, ValueError) as error:
         said = " ".join(str(error).split()) or type(error).__name__
         raise TownError(f"{path} is damaged or holds no town: {said:.200}") from error
     except (AttributeError, OverflowError, MemoryError, NotImplementedError, RuntimeError) as error:
