@@ -57,7 +57,7 @@ def largest_part(streets: Streets) -> Bool[np.ndarray, " street"]:
     back = ~streets.one_way
     tail = np.concatenate([streets.tail, streets.head[back]])
     head = np.concatenate([streets.head, streets.tail[back]])
-    links = coo_array((np.ones(len(tail), np.int8), (tail, head)), shape=(nodes, nodes))
+    links = coo_array((np.ones(len(tail), np.int32), (tail, head)), shape=(nodes, nodes))
     _, part = connected_components(links, directed=True, connection="strong")
     used = np.zeros(nodes, bool)
     used[tail] = used[head] = True
