@@ -17,7 +17,7 @@ from sidestep.agent.config import preset
 from sidestep.agent.train import fresh_network, greedy, train
 from sidestep.environment.dynamics import reset
 from sidestep.environment.potentials import at_clock, field_to_go
-from sidestep.environment.types import LEVELS, one_crowd
+from sidestep.environment.types import LEVELS
 from sidestep.planners.search import earliest_arrivals
 from sidestep.scenarios.catalogue import scenario
 from sidestep.scenarios.maps import draw_map
@@ -43,7 +43,7 @@ def potentials():
     problem = scenario("rush-32", horizon=24 * 300.0, departures=(0.0, 0.0))
     params = make_environment(problem, draw_map(problem, 0), "test", 1)
     goal = jnp.zeros(params.network.nodes, bool).at[-1].set(True)
-    return milliseconds(jax.jit(field_to_go), params.network, params.expected, goal)
+    return milliseconds(jax.jit(field_to_go), params.network, params.expected.of(jnp.int32(0)), goal)
 
 
 def accuracy():
@@ -58,7 +58,7 @@ def accuracy():
 
     @jax.jit
     def both(number, origin, departure):
-        field = one_crowd(params.crowds, number)
+        field = params.crowds.of(number)
         exact = earliest_arrivals(network, field, origin, departure)[0][last] - departure
         table = field_to_go(network, field, goal)
         return exact, at_clock(table, field.slot_seconds, departure[None], origin[None])[0]

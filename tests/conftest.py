@@ -67,8 +67,8 @@ def make_params() -> MakeParams:
         rule: CrossingRule = "integrated",
     ) -> EnvParams:
         several = crowds if crowds.speed.ndim == 3 else jax.tree.map(lambda leaf: leaf[None], crowds)
-        first = jax.tree.map(lambda leaf: leaf[0], several)
-        return EnvParams(network, several, first if expected is None else expected, jnp.float32(horizon), rule=rule)
+        usual = jax.tree.map(lambda leaf: leaf[:1] if expected is None else leaf[None], expected or several)
+        return EnvParams(network, several, usual, jnp.float32(horizon), rule=rule)
 
     return make
 

@@ -223,7 +223,7 @@ def params_of_test(place) -> EnvParams:
 
 def test_an_environment_has_what_was_asked_for(place, params_of_test) -> None:
     assert params_of_test.crowds.speed.shape == (4, 24, 12)
-    assert params_of_test.expected.speed.shape == (24, 12)
+    assert params_of_test.expected.speed.shape == (1, 24, 12)
     assert params_of_test.crowds.slot_seconds == params_of_test.expected.slot_seconds == 300
     assert float(params_of_test.horizon) == HOUR
     assert (params_of_test.network.length == place.network.length).all()
@@ -276,7 +276,7 @@ def test_slot_0_is_the_crowd_of_the_map(place, params_of_test) -> None:
         assert (np.moveaxis(np.asarray(field.volume), -2, 0)[0] == volumes(place)).all()
     # x0 (p/d)^-0.8
     speed = 1.34 * (volumes(place) / np.asarray(place.network.length)) ** -0.8
-    np.testing.assert_allclose(params_of_test.expected.speed[:, 0], speed, rtol=1e-5)
+    np.testing.assert_allclose(params_of_test.expected.speed[0, :, 0], speed, rtol=1e-5)
     for crowd in range(4):
         np.testing.assert_allclose(params_of_test.crowds.speed[crowd, :, 0], speed, rtol=1e-5)
 

@@ -6,6 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from sidestep.network.spread import Spread
+
 FREE_SPEED = 1.34  # m/s, the paper's x0 and Weidmann's mean
 CrossingRule = Literal["integrated", "entry"]
 CROSSING_RULES: tuple[str, ...] = get_args(CrossingRule)
@@ -69,6 +71,67 @@ class SpeedField(eqx.Module):
     def count(self) -> int:
         """Number of alternative crowds, where there is a leading axis."""
         return self.speed.shape[0]
+
+    def of(self, crowd: Int[Array, ""]) -> "SpeedField":
+        """One of the alternative crowds."""
+        return SpeedField(self.speed[crowd], self.covered[crowd], self.slot_seconds)
+
+    def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+        """Speeds in m/s on segments in a slot of one of the crowds."""
+        return self.speed[crowd, segment, slot]
+
+    def through(
+        self, crowd: Int[Array, ""], segment: Int[Array, ""]
+    ) -> tuple[Float[Array, " slot"], Float[Array, " slot"]]:
+        """One segment's speeds in one of the crowds, and how far one gets in them."""
+        return self.speed[crowd, segment], self.covered[crowd, segment]
+
+
+class SensedSpeeds(eqx.Module):
+    """Walking speeds that follow from what sensors count, worked out where they are needed.
+
+    The same as a :class:`SpeedField` with a leading axis of crowds, but memory grows with sensors, not with segments.
+    """
+
+    density: Float[Array, "crowd slot sensor"]  # persons/m² at the sensors
+    spread: Spread
+    law: SpeedLaw
+    slot_seconds: float = eqx.field(static=True)
+
+    @property
+    def slots(self) -> int:
+        """Number of slots."""
+        return self.density.shape[1]
+
+    @property
+    def count(self) -> int:
+        """Number of alternative crowds."""
+        return self.density.shape[0]
+
+    def of(self, crowd: Int[Array, ""]) -> SpeedField:
+        """One of the alternative crowds, worked out on all segments."""
+        return speed_field(self.law.speed(self.spread.everywhere(self.density[crowd])).T, self.slot_seconds)
+
+    def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+        """Speeds in m/s on segments in a slot of one of the crowds."""
+        return self.law.speed(self.density_at(crowd, segment, slot))
+
+    def density_at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+        """Densities in persons/m² on segments in a slot of one of the crowds."""
+        near, weight = self.spread.sensor[segment], self.spread.weight[segment]
+        return jnp.sum(weight * self.density[crowd, slot, near], axis=-1)
+
+    def through(
+        self, crowd: Int[Array, ""], segment: Int[Array, ""]
+    ) -> tuple[Float[Array, " slot"], Float[Array, " slot"]]:
+        """One segment's speeds in one of the crowds, and how far one gets in them."""
+        near, weight = self.spread.sensor[segment], self.spread.weight[segment]
+        speed = self.law.speed(weight @ self.density[crowd, :, near])
+        field = speed_field(speed, self.slot_seconds)
+        return field.speed, field.covered
+
+
+Speeds = SpeedField | SensedSpeeds
 
 
 def speed_field(speed: Float[Array, "*crowd segment slot"], slot_seconds: float) -> SpeedField:

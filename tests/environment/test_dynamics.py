@@ -10,7 +10,7 @@ from scipy.stats import chisquare
 
 from sidestep.environment.dynamics import existing_exit, random_exit, reset, step
 from sidestep.environment.observation import observe
-from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Outcome, RewardWeights, one_crowd
+from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Outcome, RewardWeights
 from sidestep.travel_time import crossing_time, speed_field
 
 
@@ -164,7 +164,7 @@ def test_an_exit_that_does_not_exist_becomes_the_next(
     assert int(state.node) == leads_to
     # and it is the street to there that takes its time
     (segment,) = np.flatnonzero((busy.network.tail == node) & (busy.network.head == leads_to))
-    field = one_crowd(busy.crowds, jnp.int32(0))
+    field = busy.crowds.of(jnp.int32(0))
     there = crossing_time(field, jnp.int32(segment), busy.network.length[segment], jnp.float32(0))
     assert float(outcome.seconds) == pytest.approx(float(there), rel=1e-6)
 

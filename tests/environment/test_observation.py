@@ -35,8 +35,13 @@ def known(params: EnvParams, goals: tuple[int, ...]) -> EnvParams:
     network, crowds = params.network, params.crowds
     usual = usual_to_go(network, params.expected, only(network.nodes, *goals), params.rule)
     volume = jnp.swapaxes(crowds.speed, 1, 2)
-    live = live_to_go(network, crowds, volume, lambda now, _slot: jnp.tile(now[:, None], 3), usual, params.rule)
+    live = live_to_go(network, crowds, volume, lambda now, *_: jnp.tile(now[:, None], 3), usual, params.rule)
     return replace(params, level="live", usual=usual, live=live)
+
+
+def alone(field: SpeedField) -> SpeedField:
+    """The only one of several fields."""
+    return jax.tree.map(lambda leaf: leaf[None], field)
 
 
 def jammed() -> SpeedField:
@@ -175,7 +180,7 @@ def test_every_goal_has_a_table_of_its_own(diamond, constant_field, make_params)
 
 def test_a_goal_may_be_several_nodes(diamond, constant_field) -> None:
     # One goal of the nodes 1 and 2, as on maps side by side.
-    usual = usual_to_go(diamond, constant_field(diamond), only(4, 1) | only(4, 2), "integrated")
+    usual = usual_to_go(diamond, alone(constant_field(diamond)), only(4, 1) | only(4, 2), "integrated")
     assert usual.goal.tolist() == [-1, 0, 0, -1]
     np.testing.assert_allclose(usual.table, [[[100, 0, 0, 200]] * 2], **CLOSE)
 
@@ -197,9 +202,9 @@ def test_forecast_of_a_jam_that_is_seen_to_clear(diamond, make_params) -> None:
     # Whatever is counted, what is forecast is what comes; beyond the window it stays so.
     field = jammed()
     params = make_params(diamond, field)
-    usual = usual_to_go(diamond, field, only(4, 3), "integrated")
+    usual = usual_to_go(diamond, alone(field), only(4, 3), "integrated")
 
-    def ahead(_now: jax.Array, slot: jax.Array) -> jax.Array:
+    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> jax.Array:
         return field.speed[:, jnp.minimum(slot + jnp.arange(3), 1)]
 
     live = live_to_go(diamond, params.crowds, jnp.ones((1, 2, 8)), ahead, usual, "integrated")
@@ -216,15 +221,15 @@ def test_forecast_of_a_jam_that_is_seen_to_clear(diamond, make_params) -> None:
 def test_after_the_window_of_a_forecast_crowds_are_as_usual() -> None:
     # 0 > 1 > 2, 100 m each, in slots of 100 s: .5 m/s now and for two slots, usually 1 m/s.
     network = road_network(np.zeros((3, 2)), [0, 1], [1, 2], [100.0, 100])
-    usual = usual_to_go(network, speed_field(jnp.ones((2, 8)), 100.0), only(3, 2), "integrated")
+    usual = usual_to_go(network, speed_field(jnp.ones((1, 2, 8)), 100.0), only(3, 2), "integrated")
     crowds = speed_field(jnp.full((1, 2, 8), 0.5), 100.0)
     volume = jnp.swapaxes(crowds.speed, 1, 2)
-    live = live_to_go(network, crowds, volume, lambda now, _: jnp.tile(now[:, None], 2), usual, "integrated")
+    live = live_to_go(network, crowds, volume, lambda now, *_: jnp.tile(now[:, None], 2), usual, "integrated")
     # 200 s to node 1, when the window is over, and 100 s on. From node 1 200 s: who enters the jam stays in it.
     np.testing.assert_allclose(live.forecast[0, 0], [[300, 200], [300, 200]], **CLOSE)
     # With a third slot of it, node 1 is reached with one slot to go, in which 50 m are covered: as slots begin it is
     # 200 s from node 1, and after the last of them 100 s; entered at 100 s, node 1 is reached after the window.
-    live = live_to_go(network, crowds, volume, lambda now, _: jnp.tile(now[:, None], 3), usual, "integrated")
+    live = live_to_go(network, crowds, volume, lambda now, *_: jnp.tile(now[:, None], 3), usual, "integrated")
     np.testing.assert_allclose(live.forecast[0, 0], [[400, 200], [300, 200]], **CLOSE)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sidestep.environment.knowledge import live_to_go, usual_to_go
-from sidestep.environment.types import EnvParams, Instance, one_crowd
+from sidestep.environment.types import EnvParams, Instance
 from sidestep.planners.base import Planner, routes, walk_plan
 from sidestep.planners.greedy import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.search import Clairvoyant
@@ -28,10 +28,10 @@ SLOT = 150.0
 @jax.jit
 def knowing(params: EnvParams) -> EnvParams:
     """All is known of the way to node 3; what is forecast from the counts is what comes."""
-    network, field = params.network, one_crowd(params.crowds, jnp.int32(0))
+    network, field = params.network, params.crowds.of(jnp.int32(0))
     usual = usual_to_go(network, params.expected, (jnp.arange(network.nodes) == 3)[None], params.rule)
 
-    def ahead(_now: jax.Array, slot: jax.Array) -> jax.Array:
+    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> jax.Array:
         return field.speed[:, jnp.minimum(slot + jnp.arange(4), field.slots - 1)]
 
     volume = jnp.ones((1, field.slots, network.segments))

@@ -10,14 +10,16 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import numpy as np
 
 from sidestep.agent.config import TrainConfig
-from sidestep.agent.train import QNetwork, TrainState, fresh_network, prepare, shown
+from sidestep.agent.train import QNetwork, TrainState, fresh_network, learned_place, prepare, shown
 from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
-from sidestep.scenarios.catalogue import RushHours, Scenario
-from sidestep.scenarios.maps import CrowdedMap, draw_training_map, fingerprint
+from sidestep.network.graph import RoadNetwork, road_network
+from sidestep.scenarios.catalogue import RushHours, Scenario, Sensor, Venue
+from sidestep.scenarios.maps import draw_training_map, fingerprint
 
 FORMAT = 2
 MODEL = "model.eqx"
@@ -94,8 +96,9 @@ def load(folder: Path) -> TrainingRun:
         The folder holds no run, one of another format, or a damaged one.
     """
 
-    def template(run: Training, place: CrowdedMap) -> TrainState:
-        return _plain(prepare(run.config, run.scenario, place)[1])
+    def template(run: Training) -> TrainState:
+        place = learned_place(run.config, run.scenario, draw_training_map(run.scenario, run.seed, run.index))
+        return jax.eval_shape(lambda here: _plain(prepare(run.config, run.scenario, here)[1]), place)
 
     training, _, state = _read(folder, CHECKPOINT, template)
     return TrainingRun(**_fields(training), state=_keyed(state))
@@ -110,16 +113,21 @@ def load_model(folder: Path) -> Model:
         The folder holds no model, one of another format, or a damaged one.
     """
 
-    def template(run: Training, place: CrowdedMap) -> QNetwork:
-        return fresh_network(run.config, run.scenario, place.network, place.key)
+    def template(run: Training) -> QNetwork:
+        # A model that remembers no places can be read without the map that it was trained on.
+        bound = run.config.level == "position" or run.config.places
+        network = draw_training_map(run.scenario, run.seed, run.index).network if bound else _any_streets()
+        return jax.eval_shape(partial(fresh_network, run.config, run.scenario), network, jax.random.key(0))
 
     training, header, network = _read(folder, MODEL, template)
     return Model(**_fields(training), fingerprint=str(header["fingerprint"]), network=network)
 
 
-def _read(
-    folder: Path, name: str, template: Callable[[Training, CrowdedMap], Tree]
-) -> tuple[Training, dict[str, Any], Tree]:
+def _any_streets() -> RoadNetwork:
+    return road_network(np.zeros((2, 2)), [0], [1], [1.0])
+
+
+def _read(folder: Path, name: str, template: Callable[[Training], Tree]) -> tuple[Training, dict[str, Any], Tree]:
     path = folder / name
     try:
         file = path.open("rb")
@@ -141,8 +149,7 @@ def _read(
                 config=_config(header["config"]),
                 curve=tuple(tuple(map(float, walks)) for walks in header["curve"]),
             )
-            place = draw_training_map(training.scenario, training.seed, training.index)
-            tree = eqx.tree_deserialise_leaves(file, jax.eval_shape(partial(template, training), place))
+            tree = eqx.tree_deserialise_leaves(file, template(training))
         except SidestepError:
             raise
         except Exception as error:  # whatever a damaged file makes the reader say
@@ -165,14 +172,18 @@ def _keyed(state: TrainState) -> TrainState:
 
 def _scenario(fields: dict[str, Any]) -> Scenario:
     reward, rush = RewardWeights(**fields.pop("reward")), fields.pop("rush")
-    rush = rush and RushHours(**{name: _tuples(value) for name, value in rush.items()})
-    return Scenario(**{name: _tuples(value) for name, value in fields.items()}, reward=reward, rush=rush)
+    rush = rush and RushHours(**_tuples(rush))
+    venue = fields.pop("venue", None)
+    if venue is not None:
+        sensors = tuple(Sensor(**_tuples(sensor)) for sensor in venue.pop("sensors"))
+        venue = Venue(**_tuples(venue), sensors=sensors)
+    return Scenario(**_tuples(fields), reward=reward, rush=rush, venue=venue)
 
 
 def _config(fields: dict[str, object]) -> TrainConfig:
-    return TrainConfig(**{name: _tuples(value) for name, value in fields.items()})
+    return TrainConfig(**_tuples(fields))
 
 
-def _tuples(value: Any) -> Any:
+def _tuples(fields: dict[str, Any]) -> dict[str, Any]:
     """JSON's lists as the tuples that they were."""
-    return tuple(value) if isinstance(value, list) else value
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}

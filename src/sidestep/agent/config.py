@@ -166,8 +166,9 @@ def preset(name: Preset, level: Seen = "position", *, several_maps: bool = False
 
 def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> TrainConfig:
     """The preset that fits a scenario's maps, at its own level unless another is given."""
-    several = bool(scenario.training_maps)
-    return preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
+    several = bool(scenario.training_maps) or scenario.venue is not None
+    config = preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
+    return config if scenario.venue is None else replace(config, goals=32, crowds=64, fresh_crowds=32, test_walks=32)
 
 
 # Each of a gradient step's 64 transitions, the latest of each walker, changes its number by 1/64 of its error: where

@@ -97,6 +97,12 @@ class SegmentQNetwork(eqx.Module):
                 jnp.log(local.crossing / seen.usual.crossing),
                 jnp.clip((seen.usual.to_go - least) / self.seconds, -FAR, FAR) / 3,
             ]
+            if seen.usual.surprise is not None and seen.usual.heavier is not None:
+                heavier = jnp.clip(seen.usual.heavier / self.seconds, -FAR, FAR) / 3
+                least_heavier = jnp.min(jnp.where(seen.valid, heavier, jnp.inf))
+                surprise = jnp.sum(jnp.where(seen.valid, seen.usual.surprise, 0.0)) / seen.valid.sum()
+                state.append(surprise[None])
+                streets += [seen.usual.surprise, heavier, (heavier - least_heavier) * surprise]
         if seen.live is not None:
             streets += [
                 jnp.clip((seen.live.snapshot - least) / self.seconds, -FAR, FAR) / 3,
@@ -111,6 +117,7 @@ class SegmentQNetwork(eqx.Module):
 
 STATE = 6
 STREET = {"local": 8, "map": 11, "live": 14}
+SENSED = {"local": (0, 0), "map": (1, 3), "live": (1, 3)}  # more of both where crowds are known from sensors
 
 
 def segment_network(
@@ -118,6 +125,7 @@ def segment_network(
     key: Key[Array, ""],
     *,
     level: str,
+    sensed: bool = False,
     hidden: tuple[int, ...],
     places: int,
     bins: int,
@@ -135,12 +143,14 @@ def segment_network(
         numbers = 0.3 * jax.random.normal(table_key, (bins, network.nodes, places))
         table = Places(numbers.at[..., 0].set(0.0), bin_seconds)
     value_key, advantage_key = jax.random.split(key)
+    more_state, more_street = SENSED[level] if sensed else (0, 0)
+    state, street = STATE + more_state, STREET[level] + more_street
     return SegmentQNetwork(
         metres=metres,
         seconds=metres / FREE_SPEED,
         places=table,
-        value=_layers((STATE + places, *hidden, 1), value_key),
-        advantage=_layers((STATE + STREET[level] + 2 * places, *hidden, 1), advantage_key),
+        value=_layers((state + places, *hidden, 1), value_key),
+        advantage=_layers((state + street + 2 * places, *hidden, 1), advantage_key),
         reward_seconds=reward_seconds,
         unit=unit,
         dueling=dueling,

@@ -26,7 +26,15 @@ from sidestep.environment.walk import Decide, walk
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import CrowdedMap, draw_training_map, purpose_key
-from sidestep.scenarios.worlds import destinations, instances, make_environment, new_crowds, put_crowds, sampler
+from sidestep.scenarios.worlds import (
+    destinations,
+    instances,
+    make_environment,
+    new_crowds,
+    put_crowds,
+    sampler,
+    set_out,
+)
 
 QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
 BIN_SECONDS = 900.0  # of what is learned of places
@@ -93,13 +101,13 @@ def train(
 
     The state that was yielded is used up by the next round: copy what is to be kept.
     """
+    goals, place = destinations(place.parts, config.goals), learned_place(config, scenario, place)
     with ThreadPoolExecutor(1) as pool:
         # The round takes seconds to compile the first time; crowds are drawn meanwhile.
         compiling = pool.submit(_compiled_round, config, scenario)
         problem, fresh = prepare(config, scenario, place)
         one_round = compiling.result()
         state = fresh if state is None else state
-        goals = destinations(place.parts, config.goals)
         anywhere = sampler(scenario, place, problem.params, config.crowds, goals=goals, anywhere=True)
         before = int(state.iteration) // config.iterations
         worlds = _worlds(config, scenario, place, problem.params, before, pool)
@@ -148,6 +156,11 @@ class Problem(eqx.Module):
     tests: Instance
 
 
+def learned_place(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> CrowdedMap:
+    """A map at the hours at which training walkers set out for each of their goals."""
+    return set_out(scenario, place, destinations(place.parts, config.goals))
+
+
 def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple[Problem, TrainState]:
     """Crowds, walks and an untrained state for one map; ``jax.eval_shape`` gives their shapes without the work."""
     goals = destinations(place.parts, config.goals)
@@ -163,7 +176,8 @@ def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple
 @lru_cache(maxsize=16)
 def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
-    problem, state = jax.eval_shape(partial(prepare, config, scenario), draw_training_map(scenario, seed=0))
+    place = learned_place(config, scenario, draw_training_map(scenario, seed=0))
+    problem, state = jax.eval_shape(partial(prepare, config, scenario), place)
     return train_round.lower(config, problem.params, problem.sampler, problem.tests, state).compile()
 
 
@@ -206,6 +220,7 @@ def fresh_network(config: TrainConfig, scenario: Scenario, network: RoadNetwork,
         network,
         key,
         level=config.level,
+        sensed=scenario.venue is not None,
         hidden=config.hidden,
         places=config.places,
         bins=1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS),

@@ -53,15 +53,9 @@ def segment_seconds(
     params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]
 ) -> Float[Array, ""]:
     """Seconds to cross a segment that is entered at ``clock`` in one of the crowds."""
-    field = params.crowds
-    return crossing_time_in(
-        field.speed[crowd, segment],
-        field.covered[crowd, segment],
-        field.slot_seconds,
-        params.network.length[segment],
-        clock,
-        params.rule,
-    )
+    speed, covered = params.crowds.through(crowd, segment)
+    length = params.network.length[segment]
+    return crossing_time_in(speed, covered, params.crowds.slot_seconds, length, clock, params.rule)
 
 
 def existing_exit(exit_node: Int[Array, " exit"], action: Int[Array, ""]) -> Int[Array, ""]:

@@ -1,6 +1,7 @@
 """What the levels ``map`` and ``live`` know, worked out before walkers set out."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -9,14 +10,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.potentials import at_clock, crossing_times, field_to_go, time_to_go, unchanging_to_go
-from sidestep.environment.types import EnvParams, Instance, LiveToGo, UsualToGo
+from sidestep.environment.types import HEAVIER, EnvParams, Instance, LiveToGo, UsualToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
-from sidestep.travel_time import CrossingRule, SpeedField, speed_field
+from sidestep.travel_time import CrossingRule, SensedSpeeds, Speeds, speed_field
 
 WINDOW = 24  # slots that a forecast looks ahead; beyond, crowds are taken to be as usual
 Ahead = Callable[
-    [Float[Array, " segment"], Int[Array, ""]], Float[Array, "segment window"]
-]  # speeds of this and the next slots from those counts
+    [Float[Array, " counter"], Int[Array, ""], Int[Array, ""]], Float[Array, "segment window"]
+]  # speeds of a slot and the next ones from its counts, its number and the crowd's
 
 
 def check_known(params: EnvParams, instances: Instance) -> None:
@@ -40,25 +41,36 @@ def check_known(params: EnvParams, instances: Instance) -> None:
 
 
 def usual_to_go(
-    network: RoadNetwork, expected: SpeedField, goals: Bool[Array, "goal node"], rule: CrossingRule
+    network: RoadNetwork, expected: Speeds, goals: Bool[Array, "goal node"], rule: CrossingRule
 ) -> UsualToGo:
     """Expected times to some destinations; no node may belong to two goals."""
-    table = jax.lax.map(lambda goal: field_to_go(network, expected, goal, rule), goals)
-    return UsualToGo(table, jnp.where(goals.any(axis=0), jnp.argmax(goals, axis=0), ABSENT).astype(jnp.int32))
+
+    def tables(field: Speeds) -> Float[Array, "goal slot node"]:
+        def one(number: Int[Array, ""]) -> Float[Array, "slot node"]:
+            return field_to_go(network, field.of(number % field.count), goals[number], rule)
+
+        return jax.lax.map(one, jnp.arange(len(goals)))
+
+    heavier = None
+    if isinstance(expected, SensedSpeeds):
+        heavier = tables(replace(expected, density=HEAVIER * expected.density))
+    return UsualToGo(
+        tables(expected), jnp.where(goals.any(axis=0), jnp.argmax(goals, axis=0), ABSENT).astype(jnp.int32), heavier
+    )
 
 
 def live_to_go(
     network: RoadNetwork,
-    crowds: SpeedField,
-    volume: Float[Array, "crowd slot segment"],
+    crowds: Speeds,
+    counted: Float[Array, "crowd slot counter"],
     ahead: Ahead,
     usual: UsualToGo,
     rule: CrossingRule,
 ) -> LiveToGo:
     """Times from all counts of every slot of every crowd, for crowd number c to goal number c modulo goals.
 
-    ``ahead`` turns the counts of a slot into the speeds that are forecast from them; ``usual`` is what comes after its
-    window.
+    ``counted`` is what is known of each slot as it begins: the people on each segment, or at each sensor. ``ahead``
+    turns it into the speeds that are forecast from it; ``usual`` is what comes after its window.
     """
     count, slots = crowds.count, crowds.slots
     goals = usual.goal == jnp.arange(usual.table.shape[0])[:, None]
@@ -67,8 +79,10 @@ def live_to_go(
     def one(number: Int[Array, ""]) -> tuple[Array, Array]:
         crowd, slot = number // slots, number % slots
         goal, after = goals[which[crowd]], usual.table[which[crowd]]
-        forecast = _forecast(network, ahead(volume[crowd, slot], slot), slot, goal, after, crowds.slot_seconds, rule)
-        snapshot = unchanging_to_go(network, network.length / crowds.speed[crowd, :, slot], goal)
+        foreseen = ahead(counted[crowd, slot], slot, crowd)
+        forecast = _forecast(network, foreseen, slot, goal, after, crowds.slot_seconds, rule)
+        now = crowds.at(crowd, jnp.arange(network.segments), slot)
+        snapshot = unchanging_to_go(network, network.length / now, goal)
         return forecast, snapshot
 
     forecast, snapshot = jax.lax.map(one, jnp.arange(count * slots))

@@ -3,11 +3,13 @@
 from dataclasses import replace
 
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from sidestep.environment.potentials import at_clock
 from sidestep.environment.types import TRAIL, EnvParams, EnvState, Live, Local, Observation, Seen, Usual
-from sidestep.travel_time import FREE_SPEED
+from sidestep.travel_time import FREE_SPEED, SensedSpeeds
+
+EMPTY = 0.02  # persons/m² that make no difference
 
 
 def observe(params: EnvParams, state: EnvState) -> Observation:
@@ -37,7 +39,7 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
         onto=onto,
         onward=goal - network.position[onto],
         length=length,
-        crossing=length / params.crowds.speed[state.instance.crowd, segment, _slot(params, state)],
+        crossing=length / params.crowds.at(state.instance.crowd, segment, _slot(params, state)),
         left=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + TRAIL),
     )
     straight = jnp.linalg.norm(local.onward, axis=1) / FREE_SPEED
@@ -47,19 +49,36 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
 def observe_map(params: EnvParams, state: EnvState) -> Observation:
     """Level ``map``: also the map and its usual crowds.
 
-    Its estimate: each street at the speed that is seen on it, then the fastest way through the expected crowds.
+    Its estimate: each street at the speed that is seen on it, then the fastest way through the expected crowds; where
+    crowds spread from sensors, the fastest way through the expected crowds from here on.
     """
     seen = observe_local(params, state)
     local, known = seen.local, params.usual
     if local is None or known is None:
         raise ValueError("level map needs EnvParams.usual")
     goal = known.goal[state.instance.destination]
-    segment = params.network.exit_segment[state.node]
+    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
+    which = state.instance.crowd % params.expected.count
+    crossing = local.length / params.expected.at(which, segment, slot)
+
+    def to_go(table: Float[Array, "goal slot node"], enough: Float[Array, " exit"]) -> Float[Array, " exit"]:
+        return at_clock(table, params.crowds.slot_seconds, state.clock + enough, local.onto, goal)
+
+    crowds, expected = params.crowds, params.expected
+    if not (isinstance(crowds, SensedSpeeds) and isinstance(expected, SensedSpeeds)) or known.heavier is None:
+        usual = Usual(crossing, to_go(known.table, local.crossing))
+        return replace(seen, usual=usual, estimate=local.crossing + usual.to_go)
+    # What is seen here is seen on the streets beyond as well. Taken for this street's alone, it would send walkers
+    # round the next corner, from where the way back is the fastest: then they would go to and fro.
+    density = crowds.density_at(state.instance.crowd, segment, slot)
+    usually = expected.density_at(which, segment, slot)
     usual = Usual(
-        crossing=local.length / params.expected.speed[segment, _slot(params, state)],
-        to_go=at_clock(known.table, params.crowds.slot_seconds, state.clock + local.crossing, local.onto, goal),
+        crossing,
+        to_go(known.table, crossing),
+        surprise=jnp.log((density + EMPTY) / (usually + EMPTY)),
+        heavier=to_go(known.heavier, crossing) - to_go(known.table, crossing),
     )
-    return replace(seen, usual=usual, estimate=local.crossing + usual.to_go)
+    return replace(seen, usual=usual, estimate=crossing + usual.to_go)
 
 
 def observe_live(params: EnvParams, state: EnvState) -> Observation:

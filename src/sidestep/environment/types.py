@@ -3,13 +3,12 @@
 from typing import Literal, get_args
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.flow.field import FlowField
+from sidestep.flow.field import Field, SensedField
 from sidestep.network.graph import RoadNetwork
-from sidestep.travel_time import CrossingRule, SpeedField, SpeedLaw, speed_field
+from sidestep.travel_time import CrossingRule, SensedSpeeds, SpeedLaw, Speeds, speed_field
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
 Seen = Literal["position", "local", "map", "live"]  # levels at which a walker can stand at a crossing
@@ -24,6 +23,7 @@ class RewardWeights(eqx.Module):
     bonus: float = eqx.field(static=True, default=1.0)
 
 
+HEAVIER = 1.5
 TRAIL = 8  # crossings that a walker remembers having left
 
 
@@ -32,6 +32,7 @@ class UsualToGo(eqx.Module):
 
     table: Float[Array, "goal slot node"]  # s to the destination, as each slot begins
     goal: Int[Array, " node"]  # which of the tables leads to a node; -1 where none does
+    heavier: Float[Array, "goal slot node"] | None = None  # the same if all crowds were HEAVIER times as dense
 
 
 class LiveToGo(eqx.Module):
@@ -50,8 +51,8 @@ class EnvParams(eqx.Module):
     """Everything that stays while walkers walk: streets, crowds, rules, and what walkers know of them."""
 
     network: RoadNetwork
-    crowds: SpeedField  # [crowd, segment, slot]: the futures that an episode may meet
-    expected: SpeedField  # [segment, slot]: the future that somebody who knows the usual crowds expects
+    crowds: Speeds  # the futures that an episode may meet
+    expected: Speeds  # what somebody expects who knows the usual crowds: number c modulo their count instead of crowd c
     horizon: Float[Array, ""]  # s after departure at which a walk is cut off
     reward: RewardWeights = RewardWeights()
     rule: CrossingRule = eqx.field(static=True, default="integrated")
@@ -95,6 +96,9 @@ class Usual(eqx.Module):
 
     crossing: Float[Array, " exit"]  # s to cross each exit with the crowd that is usual now
     to_go: Float[Array, " exit"]  # s from each next node to the destination, usually, from when it is reached
+    # where crowds are known from sensors:
+    surprise: Float[Array, " exit"] | None = None  # logarithm of the density that is seen over the usual one
+    heavier: Float[Array, " exit"] | None = None  # s more to the destination if all crowds were HEAVIER times as dense
 
 
 class Live(eqx.Module):
@@ -134,12 +138,9 @@ class Outcome(eqx.Module):
     truncated: Bool[Array, ""]  # not arrived when the horizon was over
 
 
-def walking_speeds(network: RoadNetwork, flow: FlowField, law: SpeedLaw) -> SpeedField:
-    """Speeds on every segment from the volumes on it."""
+def walking_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw) -> Speeds:
+    """Speeds on every segment from the people on it."""
+    if isinstance(flow, SensedField):
+        return SensedSpeeds(flow.sensed, flow.spread, law, flow.slot_seconds)
     speed = law.speed(flow.density(network))
     return speed_field(jnp.swapaxes(speed, -1, -2), flow.slot_seconds)
-
-
-def one_crowd(crowds: SpeedField, crowd: Int[Array, ""]) -> SpeedField:
-    """Pick one of the alternative crowds."""
-    return jax.tree.map(lambda leaf: leaf[crowd], crowds)

@@ -28,6 +28,7 @@ from sidestep.scenarios.maps import CrowdedMap, draw_map, purpose_key
 from sidestep.scenarios.worlds import instances, make_environment
 
 CHUNK = 200  # walks whose futures are held in memory at a time
+TOWN_CHUNK = 50  # the same where each has a destination of its own
 PlannerFactory = Callable[[CrowdedMap, int], Planner | None]  # for map and its number; None skips this map and later
 BASELINES: dict[str, PlannerFactory] = {
     RandomWalk.name: lambda *_: RandomWalk(),
@@ -173,15 +174,19 @@ def walk_map(
 ) -> dict[str, Walked]:
     """All planners on map number ``index``."""
     place = draw_map(scenario, seed, index)
-    goals = None if destinations is None else worlds.destinations(place.parts, destinations)
     chosen = {name: planner for name, factory in planners.items() if (planner := factory(place, index)) is not None}
     level = max((planner.sees for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Walked]] = {name: [] for name in chosen}
-    parts = math.ceil(walks / CHUNK)
+    pairs = scenario.venue is not None and destinations is None
+    parts = math.ceil(walks / (min(TOWN_CHUNK, place.network.nodes - 1) if pairs else CHUNK))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
-        params = make_environment(scenario, place, "test", size, level=level, goals=goals, part=part)
-        todo = instances(scenario, place, params, size, first=part * size, goals=goals)
+        goals = None if destinations is None else worlds.destinations(place.parts, destinations)
+        if pairs:
+            goals = worlds.anywhere_to_anywhere(place, size, part)
+        here = place if goals is None else worlds.set_out(scenario, place, goals, part * size)
+        params = make_environment(scenario, here, "test", size, level=level, goals=goals, part=part)
+        todo = instances(scenario, here, params, size, first=part * size, goals=goals)
         key = purpose_key(place, "test")
         for name, planner in chosen.items():
             collected[name].append(_walked(planner, params, todo, jax.random.fold_in(key, part) if part else key))

@@ -44,5 +44,5 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     }
     picture = out / "map.png"
     title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
-    figures.save(figures.crowded_map(title, params, np.asarray(place.flow.expected(1).volume[0]), shown), picture)
+    figures.save(figures.crowded_map(title, params, np.asarray(place.flow.expected(1).counted[0]), shown), picture)
     return Demonstration(comparison, darp, picture)

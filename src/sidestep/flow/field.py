@@ -1,5 +1,6 @@
 """Crowds on a whole network: how many people are on each segment in each slot."""
 
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import equinox as eqx
@@ -9,6 +10,7 @@ from jaxtyping import Array, Float, Int, Key
 
 from sidestep.flow.arima import Arima, forecast, simulate
 from sidestep.network.graph import RoadNetwork
+from sidestep.network.spread import Spread
 
 SLOT_SECONDS = 300.0
 
@@ -19,6 +21,11 @@ class FlowField(eqx.Module):
     volume: Float[Array, "*crowd slot segment"]  # persons, positive
     slot_seconds: float = eqx.field(static=True, default=SLOT_SECONDS)
 
+    @property
+    def counted(self) -> Float[Array, "*crowd slot segment"]:
+        """What is known of a slot when everything is counted."""
+        return self.volume
+
     def flow_matrix(self, network: RoadNetwork, slot: int) -> Float[Array, "node node"]:
         """The paper's P of one slot (eq. 2): persons from node i to node j, -1 where there is no segment."""
         return network.matrix(self.volume[slot])
@@ -27,21 +34,51 @@ class FlowField(eqx.Module):
         """Persons per m²."""
         return self.volume / (network.length * network.width)
 
+    def with_counted(self, counted: Float[Array, "*crowd slot segment"]) -> "FlowField":
+        """The same with other volumes."""
+        return replace(self, volume=counted)
+
+
+class SensedField(eqx.Module):
+    """Densities at sensors per slot; leading axes, if any, count alternative crowds."""
+
+    sensed: Float[Array, "*crowd slot sensor"]  # persons/m²
+    spread: Spread
+    slot_seconds: float = eqx.field(static=True)
+
+    @property
+    def counted(self) -> Float[Array, "*crowd slot sensor"]:
+        """What is known of a slot when everything is counted."""
+        return self.sensed
+
+    def density(self, _network: RoadNetwork) -> Float[Array, "*crowd slot segment"]:
+        """Persons per m² on every segment."""
+        return self.spread.everywhere(self.sensed)
+
+    def with_counted(self, counted: Float[Array, "*crowd slot sensor"]) -> "SensedField":
+        """The same with other densities at the sensors."""
+        return replace(self, sensed=counted)
+
+
+Field = FlowField | SensedField
+
 
 @runtime_checkable
 class FlowModel(Protocol):
     """A source of crowds for one network."""
 
-    def expected(self, slots: int) -> FlowField:
+    def expected(self, slots: int) -> Field:
         """The forecast made at clock 0: what somebody who knows the usual crowds expects."""
         ...
 
-    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> Field:
         """Possible futures, with a leading axis of ``crowds``."""
         ...
 
-    def ahead(self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int) -> Float[Array, "slots segment"]:
-        """The forecast of slot number ``slot`` and those after it, made when its volumes ``now`` are counted."""
+    def ahead(
+        self, now: Float[Array, " counter"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0, /
+    ) -> Float[Array, "slots counter"]:
+        """The forecast of slot number ``slot`` and those after it, made when its counts ``now`` are known."""
         ...
 
 
@@ -63,7 +100,9 @@ class ArimaFlow(eqx.Module):
         history = jnp.broadcast_to(self.initial, (1, crowds, self.initial.shape[0]))
         return self._field(simulate(self.model, history, innovations))
 
-    def ahead(self, now: Float[Array, " segment"], _slot: Int[Array, ""], slots: int) -> Float[Array, "slots segment"]:
+    def ahead(
+        self, now: Float[Array, " segment"], _slot: Int[Array, ""], slots: int, _crowd: Int[Array, ""] | int = 0
+    ) -> Float[Array, "slots segment"]:
         """The model's forecast; the counts of now are all that an AR(1) needs to know."""
         volume = jnp.concatenate([now[None], forecast(self.model, now[None], slots - 1)])
         return jnp.maximum(volume, self.floor)

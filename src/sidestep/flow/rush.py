@@ -32,7 +32,9 @@ class RushFlow(eqx.Module):
         """Possible futures; the noise is stationary from the first slot on."""
         return self._field(self.usual(jnp.arange(slots)) * jnp.exp(self.noise(key, crowds, slots)))
 
-    def ahead(self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int) -> Float[Array, "slots segment"]:
+    def ahead(
+        self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int, _crowd: Int[Array, ""] | int = 0
+    ) -> Float[Array, "slots segment"]:
         """Mean volumes of this and the next slots, given those of this one."""
         after = slot + jnp.arange(slots)
         surprise = jnp.log(now) - jnp.log(self.usual(slot[None])[0])
@@ -92,7 +94,9 @@ class ShiftingFlow(eqx.Module):
         field = usual * jnp.exp(self.ordinary.noise(for_noise, crowds, slots))
         return FlowField(jnp.maximum(field, self.ordinary.floor), self.ordinary.slot_seconds)
 
-    def ahead(self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int) -> Float[Array, "slots segment"]:
+    def ahead(
+        self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int, _crowd: Int[Array, ""] | int = 0
+    ) -> Float[Array, "slots segment"]:
         """Mean volumes from this slot on; a segment counts as crowded where its volume is nearer to that."""
         wave = self.ordinary.usual(slot[None])[0] / self.ordinary.base
         level = jnp.log(now / wave)

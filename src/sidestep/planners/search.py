@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.types import EnvParams, Instance, Level, Seen, one_crowd
+from sidestep.environment.types import EnvParams, Instance, Level, Seen
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
-from sidestep.travel_time import CrossingRule, SpeedField, crossing_time
+from sidestep.travel_time import CrossingRule, SpeedField, Speeds, crossing_time
 
 
 def earliest_arrivals(
@@ -67,15 +67,13 @@ def fastest_exits(
 
 
 @jax.jit
-def _plan_expected(params: EnvParams, instances: Instance) -> Bool[Array, "walk node exit"]:
-    return jax.vmap(lambda one: fastest_exits(params.network, params.expected, one, params.rule))(instances)
+def _plan(params: EnvParams, fields: Speeds, instances: Instance) -> Bool[Array, "walk node exit"]:
+    def one(instance: Instance) -> Bool[Array, "node exit"]:
+        # The only field there is is not copied for every walk.
+        field = fields.of(jnp.int32(0) if fields.count == 1 else instance.crowd % fields.count)
+        return fastest_exits(params.network, field, instance, params.rule)
 
-
-@jax.jit
-def _plan_realised(params: EnvParams, instances: Instance) -> Bool[Array, "walk node exit"]:
-    return jax.vmap(lambda one: fastest_exits(params.network, one_crowd(params.crowds, one.crowd), one, params.rule))(
-        instances
-    )
+    return jax.vmap(one)(instances)
 
 
 class Expected:
@@ -87,7 +85,7 @@ class Expected:
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan_expected(params, instances))
+        return Plan(None, _plan(params, params.expected, instances))
 
 
 class Clairvoyant:
@@ -99,4 +97,4 @@ class Clairvoyant:
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan_realised(params, instances))
+        return Plan(None, _plan(params, params.crowds, instances))

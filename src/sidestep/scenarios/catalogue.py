@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args
 
 from sidestep.environment.types import LEVELS, RewardWeights, Seen
 from sidestep.errors import SidestepError
+from sidestep.flow.counts import TEST, TRAIN
 from sidestep.flow.field import SLOT_SECONDS
 from sidestep.network.grid import LENGTHS
 from sidestep.travel_time import CROSSING_RULES, Aoki, CrossingRule, SpeedLaw, Weidmann
@@ -43,6 +44,53 @@ class RushHours:
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """Where something is counted."""
+
+    name: str  # as in the table of counts
+    place: tuple[float, float] | None = None  # latitude and longitude in degrees; None pairs it with some street
+
+
+@dataclass(frozen=True)
+class Venue:
+    """A real place: streets from a map, crowds from counts (:class:`sidestep.flow.sensors.SensorFlow`)."""
+
+    streets: str = "helsinki"  # the town that comes with the package, or a file
+    counts: str = "auckland"  # the counts that come with the package, or a file
+    sensors: tuple[Sensor, ...] = ()  # by default all that were counted, without places
+    pairing: int = 0  # seed that pairs sensors without a place with streets
+    crowding: float = 1.0  # demand over that which was counted
+    reach: float = 150.0  # m along the streets in which the crowd at a sensor falls to 1/e
+    days: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)  # on which people walk; 0 is Monday
+    hours: tuple[int, int] = (10, 20)  # between which they set out
+    fitted: tuple[str, str] = TRAIN  # first day or hour that crowds are fitted to, and the one past the last
+    tested: tuple[str, str] = TEST  # the same of the weeks that walks are tested in
+
+    def __post_init__(self) -> None:
+        for name in ("crowding", "reach"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ScenarioError(f"{name} must be a positive number, not {getattr(self, name)}")
+        if not self.days or not set(self.days) <= set(range(7)):
+            raise ScenarioError(f"days must be some of 0 (Monday) to 6 (Sunday), not {', '.join(map(str, self.days))}")
+        first, last = self.hours
+        if not 0 <= first < last <= 24:
+            raise ScenarioError(f"hours must be two of 0 to 24 in order, not {first} and {last}")
+        if self.pairing < 0:
+            raise ScenarioError(f"pairing must be a seed of 0 or more, not {self.pairing}")
+        names = [sensor.name for sensor in self.sensors]
+        if len(set(names)) < len(names):
+            raise ScenarioError(f"a sensor stands in the list twice: {max(names, key=names.count)!r}")
+
+    def starts(self, number: int, first: int = 0) -> list[float]:
+        """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out."""
+        every = [24.0 * day + hour for day in sorted(set(self.days)) for hour in range(*self.hours)]
+        return [every[int(len(every) * (turn * GOLDEN % 1))] for turn in range(first, first + number)]
+
+
+GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, less their whole part, spread evenly
+
+
+@dataclass(frozen=True)
 class Scenario:
     """A whole problem. The defaults are the paper's (section V-A), or stand for what it leaves open."""
 
@@ -60,6 +108,7 @@ class Scenario:
     rule: CrossingRule = "integrated"
     reward: RewardWeights = field(default_factory=RewardWeights)
     rush: RushHours | None = None  # instead of the ARIMA model
+    venue: Venue | None = None  # instead of a grid and its crowds
     departures: tuple[float, float] = (0.0, 0.0)  # s, earliest and latest
     larger: tuple[int, ...] = ()  # sides of further maps: map number i has the i-th, in turn
     training_maps: int = 0  # other maps to learn on; 0 learns the map itself
@@ -137,6 +186,23 @@ _RUSH: dict[str, Any] = {
     "maps": 1,
     "walks": 500,
 }
+# Not those five whose cameras were exchanged between the weeks that are fitted and those that are tested.
+_AUCKLAND = (
+    "1 Courthouse Lane", "107 Quay Street", "150 K Road", "183 K Road", "188 Quay Street Lower Albert (EW)",
+    "188 Quay Street Lower Albert (NS)", "19 Shortland Street", "2 High Street", "45 Queen Street", "59 High Street",
+    "61 Federal Street", "7 Custom Street East", "8 Darby Street EW", "8 Darby Street NS", "Commerce Street West",
+    "Te Ara Tahuhu Walkway",
+)  # fmt: skip
+_TOWN: dict[str, Any] = {
+    "venue": Venue(sensors=tuple(map(Sensor, _AUCKLAND))),
+    "departures": (0.0, 3600.0),
+    "law": "weidmann",
+    "horizon": 3 * 3600.0,
+    "reward": RewardWeights(progress=0.0, bonus=0.0),
+    "level": "map",
+    "maps": 1,
+    "walks": 500,
+}
 BUILT_IN = {
     scenario.name: scenario
     for scenario in (
@@ -166,6 +232,11 @@ BUILT_IN = {
                 "maps": 12,
                 "walks": 50,
             },
+        ),
+        Scenario(
+            "helsinki",
+            "central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
+            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=100.0)},
         ),
     )
 }

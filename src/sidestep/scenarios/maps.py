@@ -1,7 +1,7 @@
 """Maps of a scenario, drawn from a seed: streets, and the crowds that are usual on them."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import equinox as eqx
@@ -13,9 +13,11 @@ from jaxtyping import Array, Key
 from sidestep.flow.arima import change_step, load_fitted
 from sidestep.flow.field import ArimaFlow, FlowModel
 from sidestep.flow.rush import RushFlow, ShiftingFlow
+from sidestep.flow.sensors import SensorFlow
 from sidestep.network.graph import RoadNetwork, side_by_side
 from sidestep.network.grid import grid_network
 from sidestep.scenarios.catalogue import Scenario, ScenarioError
+from sidestep.scenarios.towns import town_crowds
 
 Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
@@ -31,16 +33,35 @@ class CrowdedMap(eqx.Module):
     flow: FlowModel
     key: Key[Array, ""]  # of this map; futures and training fold their purpose into it
     parts: tuple[int, ...] = eqx.field(static=True)
+    recorded: FlowModel | None = None  # what walks are tested on, where that was counted and is not simulated
+
+    def flow_for(self, purpose: Purpose) -> FlowModel:
+        """The crowds that walks of one purpose meet."""
+        return self.recorded if self.recorded is not None and purpose == "test" else self.flow
+
+    def beginning(self, starts: list[float]) -> "CrowdedMap":
+        """The same place with clock 0 at these hours of the week, for one goal each."""
+        start = jnp.asarray(starts, jnp.float32)
+        flow = replace(self.flow, start=start) if isinstance(self.flow, SensorFlow) else self.flow
+        recorded = replace(self.recorded, start=start) if isinstance(self.recorded, SensorFlow) else self.recorded
+        return replace(self, flow=flow, recorded=recorded)
 
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
     """Map number ``index`` of a seed; the same for every planner and for every kind of flow."""
     if min(seed, index) < 0:
         raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
-    # A key made of plain numbers needs no compiled program.
-    key = jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
+    if scenario.venue is not None:
+        town = town_crowds(scenario.venue, scenario.slot_seconds)
+        return CrowdedMap(town.network, town.flow, _key(seed, index), (town.network.nodes,), town.recorded)
+    key = _key(seed, index)
     streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))
     return _crowded_map(scenario, [streets], key)
+
+
+def _key(seed: int, index: int) -> Key[Array, ""]:
+    # A key made of plain numbers needs no compiled program.
+    return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
 def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:

@@ -1,6 +1,5 @@
 """Environments on a map with futures for one purpose, and the walks to be done there."""
 
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -12,10 +11,11 @@ from jaxtyping import Array, Float, Int, Key
 from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.knowledge import WINDOW, live_to_go, usual_to_go
 from sidestep.environment.types import EnvParams, Instance, LiveToGo, Seen, UsualToGo, walking_speeds
-from sidestep.flow.field import FlowField
-from sidestep.scenarios.catalogue import LAWS, Scenario, ScenarioError
+from sidestep.flow.field import Field, FlowModel
+from sidestep.network.graph import RoadNetwork
+from sidestep.scenarios.catalogue import GOLDEN, LAWS, Scenario, ScenarioError
 from sidestep.scenarios.maps import CrowdedMap, Purpose, purpose_key
-from sidestep.travel_time import SpeedField
+from sidestep.travel_time import SensedSpeeds, Speeds
 
 
 def make_environment(
@@ -35,27 +35,33 @@ def make_environment(
     destinations. Each ``part`` has futures of its own.
     """
     goals = destinations(place.parts, 1) if goals is None else goals
-    return _environment(
-        scenario, place, _future_key(place, purpose, part), crowds, level, jnp.asarray(goals, jnp.int32)
-    )
+    key, flow = _future_key(place, purpose, part), place.flow_for(purpose)
+    return _environment(scenario, place.network, flow, key, crowds, level, jnp.asarray(goals, jnp.int32))
 
 
-Futures = tuple[SpeedField, LiveToGo | None]  # and what level live works out from their counts
+Futures = tuple[Speeds, LiveToGo | None]  # and what level live works out from their counts
 
 
 def new_crowds(scenario: Scenario, place: CrowdedMap, params: EnvParams, number: int, crowds: int) -> Futures:
     """Other futures for a training, those of renewal ``number``, counted from 1."""
     usual = params.usual if params.level == "live" else None
-    return _futures(scenario, place, usual, _future_key(place, "learn", number), crowds)
+    key = _future_key(place, "learn", number)
+    return _futures(scenario, place.network, place.flow, usual, key, crowds)
 
 
 @jax.jit
 def put_crowds(params: EnvParams, futures: Futures, first: Int[Array, ""]) -> EnvParams:
     """The environment with some of its futures replaced, from ``first`` on."""
-    crowds, live = jax.tree.map(
-        lambda old, new: jax.lax.dynamic_update_slice_in_dim(old, new, first, 0), (params.crowds, params.live), futures
-    )
-    return replace(params, crowds=crowds, live=live)
+
+    def put(old: Array, new: Array) -> Array:
+        return jax.lax.dynamic_update_slice_in_dim(old, new, first, 0)
+
+    crowds, live = futures
+    if isinstance(params.crowds, SensedSpeeds) and isinstance(crowds, SensedSpeeds):
+        crowds = replace(params.crowds, density=put(params.crowds.density, crowds.density))
+    else:
+        crowds = jax.tree.map(put, params.crowds, crowds)
+    return replace(params, crowds=crowds, live=jax.tree.map(put, params.live, live))
 
 
 def _future_key(place: CrowdedMap, purpose: Purpose, part: int) -> Key[Array, ""]:
@@ -66,19 +72,19 @@ def _future_key(place: CrowdedMap, purpose: Purpose, part: int) -> Key[Array, ""
 @partial(jax.jit, static_argnames=("scenario", "crowds", "level"))
 def _environment(
     scenario: Scenario,
-    place: CrowdedMap,
+    network: RoadNetwork,
+    flow: FlowModel,
     key: Key[Array, ""],
     crowds: int,
     level: Seen,
     goals: Int[Array, "goal part"],
 ) -> EnvParams:
-    network = place.network
-    expected = walking_speeds(network, place.flow.expected(scenario.slots), LAWS[scenario.law])
+    expected = walking_speeds(network, _expected(flow, scenario.slots), LAWS[scenario.law])
     usual = None
     if level in ("map", "live"):
         where = jnp.zeros((len(goals), network.nodes), bool).at[jnp.arange(len(goals))[:, None], goals].set(True)
         usual = usual_to_go(network, expected, where, scenario.rule)
-    drawn, live = _futures(scenario, place, usual if level == "live" else None, key, crowds)
+    drawn, live = _futures(scenario, network, flow, usual if level == "live" else None, key, crowds)
     return EnvParams(
         network=network,
         crowds=drawn,
@@ -94,23 +100,33 @@ def _environment(
 
 @partial(jax.jit, static_argnames=("scenario", "crowds"))
 def _futures(
-    scenario: Scenario, place: CrowdedMap, usual: UsualToGo | None, key: Key[Array, ""], crowds: int
+    scenario: Scenario,
+    network: RoadNetwork,
+    flow: FlowModel,
+    usual: UsualToGo | None,
+    key: Key[Array, ""],
+    crowds: int,
 ) -> Futures:
     """Speeds of possible futures and, with ``usual``, what can be worked out from their counts."""
-    network, law = place.network, LAWS[scenario.law]
-    if scenario.flows == "forecast":
-        drawn = jax.tree.map(lambda leaf: leaf[None], place.flow.expected(scenario.slots))
-    else:
-        drawn = place.flow.draw(key, crowds, scenario.slots)
+    law = LAWS[scenario.law]
+    forecast = scenario.flows == "forecast"
+    drawn = _expected(flow, scenario.slots) if forecast else flow.draw(key, crowds, scenario.slots)
     speeds = walking_speeds(network, drawn, law)
     if usual is None:
         return speeds, None
 
-    def ahead(now: Float[Array, " segment"], slot: Int[Array, ""]) -> Float[Array, "segment window"]:
-        field = FlowField(place.flow.ahead(now, slot, WINDOW), scenario.slot_seconds)
-        return law.speed(field.density(network)).T
+    def ahead(
+        now: Float[Array, " counter"], slot: Int[Array, ""], crowd: Int[Array, ""]
+    ) -> Float[Array, "segment window"]:
+        return law.speed(drawn.with_counted(flow.ahead(now, slot, WINDOW, crowd)).density(network)).T
 
-    return speeds, live_to_go(network, speeds, drawn.volume, ahead, usual, scenario.rule)
+    return speeds, live_to_go(network, speeds, drawn.counted, ahead, usual, scenario.rule)
+
+
+def _expected(flow: FlowModel, slots: int) -> Field:
+    """Expected crowds with a leading axis of one or more."""
+    field = flow.expected(slots)
+    return field if field.counted.ndim == 3 else field.with_counted(field.counted[None])
 
 
 def destinations(parts: tuple[int, ...], goals: int) -> Int[np.ndarray, "goal part"]:
@@ -125,6 +141,20 @@ def destinations(parts: tuple[int, ...], goals: int) -> Int[np.ndarray, "goal pa
     rng = np.random.default_rng(len(parts))
     others = [1 + rng.permutation(nodes - 2)[: goals - 1] for nodes in parts]
     return np.stack([[nodes - 1, *rest] for nodes, rest in zip(parts, others, strict=True)], axis=1) + first
+
+
+def set_out(scenario: Scenario, place: CrowdedMap, goals: Int[np.ndarray, "goal part"], first: int = 0) -> CrowdedMap:
+    """The place at the hours of the week at which people set out for each goal, where the scenario has such hours."""
+    return place if scenario.venue is None else place.beginning(scenario.venue.starts(len(goals), first))
+
+
+def anywhere_to_anywhere(place: CrowdedMap, walks: int, part: int) -> Int[np.ndarray, "goal 1"]:
+    """As many destinations as walks, all different, drawn anew for each part of a comparison."""
+    nodes = place.network.nodes
+    if walks > nodes - 1:
+        raise ScenarioError(f"there cannot be {walks} different destinations among {nodes} nodes")
+    rng = np.random.default_rng([*np.asarray(jax.random.key_data(place.key)).tolist(), part])
+    return rng.permutation(nodes)[:walks, None]
 
 
 def sampler(
@@ -182,7 +212,7 @@ def instances(
     return Instance(
         origin=jnp.asarray(origin, jnp.int32),
         destination=jnp.asarray(destination, jnp.int32),
-        departure=jnp.asarray(earliest + (latest - earliest) * (number * _GOLDEN % 1), jnp.float32),
+        departure=jnp.asarray(earliest + (latest - earliest) * (number * GOLDEN % 1), jnp.float32),
         crowd=jnp.asarray(crowd, jnp.int32),
     )
 
@@ -194,4 +224,3 @@ def _check_futures(params: EnvParams, goals: int) -> None:
 
 
 _ORIGINS = 1_000  # beyond the numbers of purposes
-_GOLDEN = (math.sqrt(5) - 1) / 2
