@@ -59,6 +59,7 @@ class Venue:
     counts: str = "auckland"  # the counts that come with the package, or a file
     sensors: tuple[Sensor, ...] = ()  # by default all that were counted, without places
     pairing: int = 0  # seed that pairs sensors without a place with streets
+    places: int = 1  # streets that each sensor without a place is paired with, each with weeks of its own
     crowding: float = 1.0  # demand over that which was counted
     reach: float = 150.0  # m along the streets in which the crowd at a sensor falls to 1/e
     days: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)  # on which people walk; 0 is Monday
@@ -236,7 +237,7 @@ BUILT_IN = {
         Scenario(
             "helsinki",
             "central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
-            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=100.0)},
+            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=100.0, reach=80.0, places=4)},
         ),
     )
 }
