@@ -9,7 +9,7 @@ import pytest
 
 from sidestep.agent import checkpoint
 from sidestep.agent.checkpoint import TrainingRun
-from sidestep.agent.config import preset_for
+from sidestep.agent.config import TrainConfigError, preset_for
 from sidestep.agent.train import learned_place, prepare
 from sidestep.flow.profile import hour_of_week
 from sidestep.flow.sensors import recorded_weeks
@@ -213,6 +213,14 @@ def test_fresh_crowds_are_others_at_the_same_sensors(learned) -> None:
     np.testing.assert_array_equal(after.crowds.density[kept], params.crowds.density[kept])
     for one, other in zip(jax.tree.leaves(after.crowds.spread), jax.tree.leaves(here.flow.spread), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_fresh_crowds_begin_at_the_hours_of_those_they_replace(place) -> None:
+    # Of two goals, three fresh crowds would begin at the hours of goals 0, 1, 0 in the places of 1, 0, 1.
+    three = dataclasses.replace(CONFIG, crowds=6, fresh_crowds=3)
+    with pytest.raises(TrainConfigError, match="goals must divide the 3 fresh crowds, and 2 will not do"):
+        learned_place(three, HELSINKI, place)
+    learned_place(dataclasses.replace(three, fresh_crowds=0), HELSINKI, place)
 
 
 def test_a_model_can_be_read_without_its_place(learned, tmp_path, monkeypatch) -> None:
