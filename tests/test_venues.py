@@ -15,7 +15,7 @@ from sidestep.flow.profile import hour_of_week
 from sidestep.flow.sensors import recorded_weeks
 from sidestep.network.snap import Snapper
 from sidestep.scenarios import towns
-from sidestep.scenarios.catalogue import ScenarioError, Sensor, Venue, scenario
+from sidestep.scenarios.catalogue import Scenario, ScenarioError, Sensor, Venue, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.towns import APART, counts_of, stations, town_of
 from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, new_crowds, put_crowds, set_out
@@ -53,6 +53,13 @@ def place():
 def test_venues_that_cannot_be(changes: dict, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         Venue(**changes)
+
+
+def test_streets_may_be_empty_so_speeds_need_a_cap() -> None:
+    # Without people the paper's literal law has no speed, and nobody would ever arrive.
+    with pytest.raises(ScenarioError, match="the law power has no speed where nobody walks"):
+        Scenario("here", "a venue with the paper's law", venue=Venue())
+    assert scenario("helsinki", law="power-capped").law == "power-capped"
 
 
 def test_hours_are_those_of_the_days() -> None:
