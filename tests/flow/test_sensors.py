@@ -22,10 +22,14 @@ KEY = jax.random.key(1)
 MANY = 4_000
 
 
-@partial(jax.jit, static_argnames=("crowds", "slots"))
+@partial(jax.jit, static_argnums=(2, 3))
+def _draw(flow: SensorFlow, key: jax.Array, crowds: int, slots: int) -> jax.Array:
+    return flow.draw(key, crowds, slots).sensed
+
+
 def draw(flow: SensorFlow, key: jax.Array = KEY, crowds: int = MANY, slots: int = 4) -> jax.Array:
     """As many crowds and slots in most tests, so that they share compiled programs."""
-    return flow.draw(key, crowds, slots).sensed
+    return _draw(flow, key, crowds, slots)
 
 
 @partial(jax.jit, static_argnames="slots")
@@ -279,7 +283,7 @@ def test_it_is_a_flow_model() -> None:
     assert isinstance(flow, FlowModel)
     field = jax.eval_shape(lambda: flow.draw(KEY, 5, 3))
     assert isinstance(field, SensedField)
-    assert (field.counted.shape, field.slot_seconds) == ((5, 3, 2), HOUR / 2)
+    assert (field.sensed.shape, field.slot_seconds) == ((5, 3, 2), HOUR / 2)
 
 
 # --- What is drawn --------------------------------------------------------------------------------------------------
