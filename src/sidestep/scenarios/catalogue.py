@@ -140,6 +140,7 @@ class Scenario:
         if not (0 < mean < math.inf and 0 <= deviation < math.inf):
             raise ScenarioError(f"crowded_volume must be a positive mean and a deviation, not {mean} and {deviation}")
         self._check_walks()
+        self._check_venue()
         for name in ("slot_seconds", "horizon"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ScenarioError(f"{name} must be a positive number of seconds, not {getattr(self, name)}")
@@ -152,6 +153,12 @@ class Scenario:
             raise ScenarioError("numbers of maps and walks and sides of larger maps must be positive")
         if self.larger and not self.training_maps:
             raise ScenarioError("maps of several sizes need maps of one size to train on: training_maps")
+
+    def _check_venue(self) -> None:
+        if self.venue is not None and self.law == "power":
+            raise ScenarioError(
+                "the law power has no speed where nobody walks, as in parts of a venue; power-capped has one"
+            )
 
     @property
     def origin(self) -> int:
