@@ -36,8 +36,9 @@ def check_known(params: EnvParams, instances: Instance) -> None:
     if (goal < 0).any():
         unknown = np.asarray(instances.destination).reshape(-1)[np.argmin(goal)]
         raise ValueError(f"no ways to node {unknown} are known; make_environment takes the destinations as goals")
-    if params.level == "live" and (goal != np.asarray(instances.crowd) % params.usual.table.shape[0]).any():
-        raise ValueError("at level live, crowd number c is for goal number c modulo goals")
+    of_goals = params.level == "live" or params.expected.count > 1
+    if of_goals and (goal != np.asarray(instances.crowd) % params.usual.table.shape[0]).any():
+        raise ValueError("at level live, and where hours differ, crowd number c is for goal number c modulo goals")
 
 
 def usual_to_go(

@@ -1,9 +1,9 @@
 """Crowds of a real place: what its sensors usually count, how today differs, and how both spread along the streets.
 
-Each sensor has a usual level for every hour of the week and an AR(1) of how the logarithm of its count differs from it
-Each sensor has a usual level for every hour of the week and an AR(1) of how the logarithm of its count differs from
-it The sensors' innovations go together as they were counted to. Counts are hourly: in between, logarithms are linear from
-one middle of an hour to the next.
+The logarithm of a count (of one more, so that nobody is no trouble) is the sum of three: the usual level of the hour
+of the week; how this whole week differs from it; and an AR(1), in units of how much counts vary at that hour of the
+day, as nights do more than noons. The sensors' innovations go together as they were counted to. Counts are hourly: in
+between, logarithms are linear from one middle of an hour to the next.
 """
 
 import math
@@ -33,16 +33,18 @@ class SensorModel(eqx.Module):
     """What sensors usually count, and how that varies."""
 
     usual: Float[Array, "168 sensor"]  # mean of log(1 + persons/h) in each hour of the week, from Monday 0:00 on
-    deviation: Float[Array, "24 sensor"]  # of the residual, in each hour of the day
-    memory: Float[Array, " sensor"]  # of the residual in units of its deviation, from hour to hour
+    weekly: Float[Array, " sensor"]  # standard deviation of whole weeks from the usual one
+    deviation: Float[Array, "24 sensor"]  # of the residual beyond that, in each hour of the day
+    memory: Float[Array, " sensor"]  # of this residual in units of its deviation, from hour to hour
     together: Float[Array, "sensor sensor"]  # lower Cholesky factor of the innovations' correlations
 
 
 def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> SensorModel:
     """Fit usual weeks and residuals to hourly counts; by default of all sensors of the table.
 
-    Deviations are 0.74 times the distance of the quartiles, which holidays and broken sensors hardly change; for the
-    same reason residuals count as ``WILDEST`` deviations at most. Memory is their lag-one autocorrelation; correlations
+    Weeks begin on Monday; those counted for half or more have a level. Deviations are 0.74 times the distance of the
+    quartiles, which holidays and broken sensors hardly change; for the same reason residuals count as
+    ``WILDEST`` deviations at most. Memory is their lag-one autocorrelation; correlations
     are those of the innovations in hours that both sensors counted.
 
     Raises
@@ -65,8 +67,12 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
             raise SeriesError(f"{table.source}: sensor {name!r} has no count in some hours of the week")
     usual = np.stack([np.nanmean(logs[hours == hour], axis=0) for hour in range(HOURS_OF_WEEK)])
     residual = logs - usual[hours]
-    quartiles = [np.nanquantile(residual[hours % 24 == hour], (0.25, 0.75), axis=0) for hour in range(24)]
-    deviation = np.maximum(np.diff(quartiles, axis=1)[:, 0] / _NORMAL_QUARTILES, LEAST_DEVIATION)
+    week = np.cumsum(hours == 0)
+    of_week = np.stack([_mean(residual[week == number]) for number in range(week[-1] + 1)])
+    weekly = _robust_deviation(of_week)
+    residual -= np.where(np.isfinite(of_week), of_week, 0.0)[week]
+    deviation = np.stack([_robust_deviation(residual[hours % 24 == hour]) for hour in range(24)])
+    deviation = np.maximum(deviation, LEAST_DEVIATION)
     residual = np.clip(residual / deviation[hours % 24], -WILDEST, WILDEST)
     before, after = residual[:-1], residual[1:]
     paired = np.isfinite(before) & np.isfinite(after)
@@ -77,7 +83,25 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     squares = (innovation**2).T @ paired  # of each sensor over the hours that each other counted
     correlation = innovation.T @ innovation / np.sqrt(np.maximum(squares * squares.T, 1e-24))
     np.fill_diagonal(correlation, 1.0)
-    return SensorModel(*(jnp.asarray(part, jnp.float32) for part in (usual, deviation, memory, _cholesky(correlation))))
+    return SensorModel(
+        *(jnp.asarray(part, jnp.float32) for part in (usual, weekly, deviation, memory, _cholesky(correlation)))
+    )
+
+
+def _mean(hours: Float[np.ndarray, "hour sensor"]) -> Float[np.ndarray, " sensor"]:
+    """Of the hours that were counted, if those are half a week or more."""
+    counted = np.isfinite(hours)
+    mean = np.where(counted, hours, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
+    return np.where(counted.sum(axis=0) >= HOURS_OF_WEEK // 2, mean, np.nan)
+
+
+def _robust_deviation(values: Float[np.ndarray, "n sensor"]) -> Float[np.ndarray, " sensor"]:
+    """Standard deviation of normal numbers with these quartiles; 0 where there are none."""
+    found = []
+    for column in values.T:
+        known = column[np.isfinite(column)]
+        found.append(np.diff(np.quantile(known, (0.25, 0.75)))[0] / _NORMAL_QUARTILES if len(known) > 1 else 0.0)
+    return np.array(found)
 
 
 def _cholesky(correlation: Float[np.ndarray, "sensor sensor"]) -> Float[np.ndarray, "sensor sensor"]:
@@ -120,8 +144,9 @@ def recorded_weeks(
 class SensorFlow(eqx.Module):
     """Crowds as sensors would count them.
 
-    Crowd number c begins at hour ``start[c modulo its length]`` of the week. With ``record``, crowds are not simulated:
-    each is one of the recorded weeks.
+    Crowd number c begins at hour ``start[c modulo its length]`` of the week. With ``record``, weeks are not simulated:
+    each crowd is one of the recorded ones. ``uneven`` is how much, beyond that, every future's demand differs from
+    place to place: by a lognormal factor of mean 1 at each sensor, the standard deviation of whose logarithm it is.
     """
 
     model: SensorModel
@@ -130,13 +155,19 @@ class SensorFlow(eqx.Module):
     start: Float[Array, " world"]  # hour of the week at clock 0, 0 is Monday 0:00
     slot_seconds: float = eqx.field(static=True)
     record: Float[Array, "week 168 sensor"] | None = None
+    uneven: float = eqx.field(static=True, default=0.0)
+
+    @property
+    def _lasting(self) -> Float[Array, " sensor"]:
+        """Variance of what differs from the usual for as long as anybody walks."""
+        return self.model.weekly**2 + self.uneven**2
 
     def expected(self, slots: int) -> SensedField:
         """Mean densities, for each of the starts."""
 
         def one(start: Float[Array, ""]) -> Float[Array, "slot sensor"]:
             usual, deviation = self._usual(start, jnp.arange(slots))
-            return usual + deviation**2 / 2
+            return usual + (self._lasting + self._bridged(start, jnp.arange(slots)) * deviation**2) / 2
 
         return self._field(jax.vmap(one)(self.start))
 
@@ -144,24 +175,39 @@ class SensorFlow(eqx.Module):
         """Possible futures, or recorded ones."""
         starts = self.start[jnp.arange(crowds) % self.start.shape[0]]
         hours = math.ceil(slots * self.slot_seconds / HOUR) + 2
-        drawn = self._simulated(key, crowds, hours) if self.record is None else self._recorded(key, starts, hours)
+        for_weeks, for_hours = jax.random.split(key)
+        week = jax.random.normal(for_weeks, (crowds, self.model.weekly.shape[0]))
+        if self.record is None:
+            week *= jnp.sqrt(self._lasting)
+            drawn = self._simulated(for_hours, crowds, hours)
+        else:
+            week *= self.uneven  # the rest was recorded
+            drawn = self._recorded(for_hours, starts, hours)
 
-        def one(start: Float[Array, ""], knots: Float[Array, "hour sensor"]) -> Float[Array, "slot sensor"]:
+        def one(
+            start: Float[Array, ""], week: Float[Array, " sensor"], knots: Float[Array, "hour sensor"]
+        ) -> Float[Array, "slot sensor"]:
             _, hour, part = self._hours(start, jnp.arange(slots))
             usual, deviation = self._usual(start, jnp.arange(slots))
             residual = (1 - part)[:, None] * knots[hour] + part[:, None] * knots[hour + 1]
-            return usual + residual * (deviation if self.record is None else 1.0)
+            return usual + week + residual * (deviation if self.record is None else 1.0)
 
-        return self._field(jax.vmap(one)(starts, drawn))
+        return self._field(jax.vmap(one)(starts, week, drawn))
 
     def ahead(
         self, now: Float[Array, " sensor"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0
     ) -> Float[Array, "slots sensor"]:
-        """Mean densities of this and the next slots, given those of this one: the AR(1) fades to the usual."""
-        usual, deviation = self._usual(self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots))
-        surprise = (jnp.log1p(now / self.per_count) - usual[0]) / deviation[0]
+        """Mean densities of this and the next slots, given those of this one: part of the surprise stays, part fades."""
+        start, after = self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots)
+        usual, deviation = self._usual(start, after)
+        surprise = jnp.log1p(now / self.per_count) - usual[0]
         fading = self.model.memory ** (jnp.arange(slots)[:, None] * (self.slot_seconds / HOUR))
-        return self._density(usual + fading * surprise * deviation + deviation**2 * (1 - fading**2) / 2)
+        bridged = self._bridged(start, after)
+        variance = self._lasting + bridged * deviation**2
+        # Conditional mean and variance of two normal numbers, now and then.
+        covariance = self._lasting + fading * jnp.sqrt(bridged[0] * bridged) * deviation[0] * deviation
+        left = variance - covariance**2 / variance[0]
+        return self._density(usual + covariance / variance[0] * surprise + left / 2)
 
     def _hours(
         self, start: Float[Array, ""], slot: Int[Array, " slots"]
@@ -182,7 +228,12 @@ class SensorFlow(eqx.Module):
             before, after = table[(first + hour) % len(table)], table[(first + hour + 1) % len(table)]
             return (1 - part)[:, None] * before + part[:, None] * after
 
-        return at(self.model.usual), at(self.model.deviation)
+        return at(self.model.usual) - self.uneven**2 / 2, at(self.model.deviation)
+
+    def _bridged(self, start: Float[Array, ""], slot: Int[Array, " slots"]) -> Float[Array, "slots sensor"]:
+        """Share of the variance that is left between the middles of two hours, where residuals are interpolated."""
+        _, _, part = self._hours(start, slot)
+        return 1 - 2 * (part * (1 - part))[:, None] * (1 - self.model.memory)
 
     def _simulated(self, key: Key[Array, ""], crowds: int, hours: int) -> Float[Array, "crowd hour sensor"]:
         """Residuals in units of their deviations."""

@@ -61,6 +61,7 @@ class Venue:
     pairing: int = 0  # seed that pairs sensors without a place with streets
     places: int = 1  # streets that each sensor without a place is paired with, each with weeks of its own
     crowding: float = 1.0  # demand over that which was counted
+    uneven: float = 0.0  # standard deviation of the logarithm of demand from place to place, drawn for every future
     reach: float = 150.0  # m along the streets in which the crowd at a sensor falls to 1/e
     days: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)  # on which people walk; 0 is Monday
     hours: tuple[int, int] = (10, 20)  # between which they set out
@@ -71,6 +72,8 @@ class Venue:
         for name in ("crowding", "reach"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ScenarioError(f"{name} must be a positive number, not {getattr(self, name)}")
+        if not 0 <= self.uneven < math.inf:
+            raise ScenarioError(f"uneven must be a deviation of 0 or more, not {self.uneven}")
         if not self.days or not set(self.days) <= set(range(7)):
             raise ScenarioError(f"days must be some of 0 (Monday) to 6 (Sunday), not {', '.join(map(str, self.days))}")
         first, last = self.hours
@@ -244,7 +247,7 @@ BUILT_IN = {
         Scenario(
             "helsinki",
             "central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
-            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=100.0, reach=80.0, places=4)},
+            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=120.0, uneven=0.5, reach=40.0, places=10)},
         ),
     )
 }

@@ -65,7 +65,7 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
     per_count = venue.crowding / (HOUR * FREE_SPEED * width)
     spread = spread_along(network, segment, venue.reach)
     start = jnp.asarray(venue.starts(1), jnp.float32)
-    flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds)
+    flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds, None, venue.uneven)
     return TownCrowds(network, flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none))
 
 
@@ -78,7 +78,9 @@ def in_several_places(
         return jnp.concatenate([table] * places, axis=-1)
 
     together = jnp.kron(jnp.eye(places), model.together)
-    several = SensorModel(again(model.usual), again(model.deviation), again(model.memory), together)
+    several = SensorModel(
+        again(model.usual), again(model.weekly), again(model.deviation), again(model.memory), together
+    )
     weeks = len(record)
     return (
         several,
