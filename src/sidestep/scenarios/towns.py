@@ -10,12 +10,15 @@ from jaxtyping import Int
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
 from sidestep.flow.sensors import SensorFlow, fit_sensors, recorded_weeks
+from sidestep.flow.table import load_crowd_table
+from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.io import load_helsinki, load_town
 from sidestep.network.snap import Snapper
 from sidestep.network.spread import spread_along
 from sidestep.network.town import Town, TownError
-from sidestep.scenarios.catalogue import ScenarioError, Sensor, Venue
+from sidestep.scenarios.catalogue import Law, ScenarioError, Sensor, Venue
+from sidestep.scenarios.tables import table_flow
 from sidestep.travel_time import FREE_SPEED
 
 HOUR = 3600.0
@@ -24,11 +27,11 @@ STEPS = "steps"
 
 
 class TownCrowds(eqx.Module):
-    """Streets, simulated crowds on them, and those that were counted in the weeks to test on."""
+    """Streets, simulated crowds on them, and those that were counted in the weeks to test on, if they were counted."""
 
     network: RoadNetwork
-    flow: SensorFlow
-    recorded: SensorFlow
+    flow: SensorFlow | TableFlow
+    recorded: SensorFlow | None
 
 
 @lru_cache(maxsize=4)
@@ -44,16 +47,21 @@ def counts_of(counts: str) -> CountTable:
 
 
 @lru_cache(maxsize=4)
-def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
-    """Streets and crowds of a venue.
+def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> TownCrowds:
+    """Streets and crowds of a venue; ``law`` turns speeds into densities, where a table has speeds.
 
     Raises
     ------
     SidestepError
-        Files that cannot be read, sensors that are not in the counts or stand nowhere near, too few counts.
+        Files that cannot be read, sensors that are not in the counts or stand nowhere near, too few counts, a table
+        that does not fit.
     """
-    town, table = town_of(venue.streets), counts_of(venue.counts)
+    town = town_of(venue.streets)
     network = town.network()
+    if venue.tabled:
+        crowds = load_crowd_table(venue.counts)
+        return TownCrowds(network, table_flow(venue, crowds, town, network, slot_seconds=slot_seconds, law=law), None)
+    table = counts_of(venue.counts)
     sensors = venue.sensors or tuple(map(Sensor, table.sensors))
     names = [sensor.name for sensor in sensors]
     model = fit_sensors(table.between(*venue.fitted), names)
