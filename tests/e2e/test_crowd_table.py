@@ -121,7 +121,7 @@ def test_walks_through_a_table(folder: Path) -> None:
     assert first == pytest.approx([0, 3.70808, 3.70808], rel=1e-4)
     assert second == pytest.approx([3.70808, 3.70808, 0], rel=1e-4)
     chosen = choose(["shortest-path", "expected", "clairvoyant", "snapshot", "forecast"], {**BASELINES, **REPLANNING})
-    rows = compare(problem, chosen, maps=[0], walks=4, seed=0, workers=1).as_json(None, "expected")["planners"]
+    rows = compare(problem, chosen, maps=[0], walks=12, seed=0, workers=1).as_json(None, "expected")["planners"]
     assert all(row["arrival_rate"] == 1 for row in rows.values())
     # without noise crowds come as expected
     bound = rows["clairvoyant"]["mean_minutes"]

@@ -387,14 +387,14 @@ def _check_columns(columns: Mapping[str, np.ndarray]) -> None:
     segment, value = columns["segment"], columns["value"]
     if (segment.dtype, segment.ndim, value.dtype, value.ndim) != (np.dtype(np.int32), 1, np.dtype(np.float32), 2):
         raise TableError(f"its segments are {segment.dtype}, its values {value.dtype}")
+    if not value.size or value.shape[1] != len(segment):
+        raise TableError(f"it has values of shape {value.shape} for {len(segment)} segments")
     if str(columns["quantity"]) not in QUANTITIES:
         raise TableError(f"it holds none of {', '.join(QUANTITIES)}")
 
 
 def _check(table: CrowdTable) -> None:
     segment, value = table.segment, table.value
-    if not value.size or value.shape[1] != len(segment):
-        raise TableError(f"it has values of shape {value.shape} for {len(segment)} segments")
     if segment.min() < 0 or segment.max() >= table.segments or (np.diff(segment) <= 0).any():
         raise TableError(f"its segments are not some of 0 to {table.segments - 1} in order")
     if not ((value >= 0) & (value <= LARGEST[table.quantity][0])).all():  # NaN is not
