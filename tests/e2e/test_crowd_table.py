@@ -86,6 +86,10 @@ def test_people_are_told_what_was_filled(folder: Path) -> None:
         "2.40",
     ):
         assert said in done.stdout
+    (folder / "slow.csv").write_text("segment,slot,speed\n0,0,0.01\n1,0,0.1\n2,0,0.2\n")
+    for law, slower in (("weidmann", 1), ("power-capped", 2)):  # their lowest speeds are .05 and 1.34 12^-.8 = .184
+        done = run(folder, "slow.csv", "--out", "slow.npz", "--law", law)
+        assert f"(speeds by the law {law}, {slower} below its lowest)" in done.stdout
     assert load_crowd_table(folder / "gap.npz").value.tolist() == [[400], [600], [800]]
 
 

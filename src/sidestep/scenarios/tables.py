@@ -13,7 +13,7 @@ from sidestep.flow.tabled import TableFlow, hour_of_week
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
 from sidestep.scenarios.catalogue import LAWS, Law, ScenarioError, Venue
-from sidestep.travel_time import density_at_speed
+from sidestep.travel_time import DENSEST, density_at_speed
 
 DENSE, JAMMED = 1.0, 4.0  # persons/m²: where people begin to slow down, and where they hardly move
 
@@ -87,7 +87,7 @@ def volumes(table: CrowdTable, network: RoadNetwork, law: Law) -> tuple[Float32[
     """Persons on every segment in every slot, and how many speeds are below the law's lowest."""
     value, slower = table.value, 0
     if table.quantity == "speed":
-        lowest = float(LAWS[law].speed(jnp.float32(np.inf)))
+        lowest = float(LAWS[law].speed(jnp.float32(DENSEST)))
         slower = int((value < lowest).sum())
         value = density_at_speed(LAWS[law], value)
     if table.quantity != "volume":
