@@ -381,7 +381,11 @@ def route(
         console.show_walk(found)
 
 
-@app.command
+counts_app = App(name="counts", help="Counts and crowds: what a file holds, and what is made of it.")
+app.command(counts_app)
+
+
+@counts_app.default
 def counts(
     file: Annotated[
         Path | None, Parameter(help="Hourly counts as CSV (time, then a column a sensor); by default Auckland's.")
@@ -407,6 +411,41 @@ def counts(
         print(json.dumps(asdict(summary), indent=2))
         return
     console.show_counts(summary, seed)
+
+
+@counts_app.command(name="import")
+def import_counts(
+    table: Annotated[Path, Parameter(help="Crowds by segment and slot: .csv or .parquet; see docs/counts.md.")],
+    /,
+    *,
+    network: Annotated[str, Parameter(help="Streets that the table is about: a file, or helsinki.")],
+    out: Annotated[Path, Parameter(help="File for the crowds, .npz; a venue's counts may name it.")],
+    slot: Annotated[
+        float | None, Parameter(help="Minutes of a slot, where the table numbers them; by default 5.")
+    ] = None,
+    law: Annotated[
+        Literal["power", "power-capped", "weidmann"], Parameter(help="Density by speed, for what is printed.")
+    ] = "weidmann",
+    as_json: Json = False,
+) -> None:
+    """Turn a table of crowds into crowds on streets, and say what was filled in."""
+    _minutes(slot, "slot")
+    _start_jax()
+    from sidestep.files import output_folder
+    from sidestep.flow.table import check_suffix, save_crowd_table
+    from sidestep.scenarios.tables import import_table
+    from sidestep.scenarios.towns import town_of
+
+    check_suffix(out)
+    seconds = None if slot is None else 60 * slot
+    crowds, report = import_table(table, town_of(network), slot_seconds=seconds, law=law)
+    output_folder(out.parent)
+    save_crowd_table(crowds, out)
+    if as_json:
+        print(json.dumps({**asdict(report), "out": str(out)}, indent=2, ensure_ascii=False))
+        return
+    console.show_table(report)
+    print(f"Crowds: {out}")
 
 
 @app.command(name="import-osm")
@@ -498,9 +537,9 @@ def _width(option: str) -> tuple[str, float]:
         raise SidestepError(f"--width must be KIND=METRES, such as footway=2.5, not {option!r}") from error
 
 
-def _minutes(by: float | None) -> None:
+def _minutes(by: float | None, option: str = "by") -> None:
     if by is not None and not (math.isfinite(by) and by > 0):
-        raise SidestepError(f"--by must be a positive number of minutes, not {by}")
+        raise SidestepError(f"--{option} must be a positive number of minutes, not {by}")
 
 
 def _threads(workers: int | None) -> int:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from sidestep.evaluation.foresight import PlannedWalk
     from sidestep.flow.summary import CountSummary
     from sidestep.network.osm import ImportReport
+    from sidestep.scenarios.tables import TableReport
 
 WIDTH = 160  # where the output is no terminal
 
@@ -111,6 +112,25 @@ def show_import(report: "ImportReport") -> None:
     if table.row_count:
         _print(table)
     print(f"At most {report.most_exits} streets leave one crossing.")
+
+
+def show_table(report: "TableReport") -> None:
+    """Print what a table of crowds holds, and what was filled in."""
+    span = "" if report.begins is None else f", {report.begins} to {report.ends}"
+    print(
+        f"{report.source}: {report.rows:,} rows, {report.quantity} on {report.mentioned:,} of {report.segments:,} "
+        f"segments in {report.slots:,} slots of {report.slot_seconds / 60:g} min{span}"
+    )
+    if report.unused_columns:
+        print(f"Columns that mean nothing here: {', '.join(report.unused_columns)}")
+    table = _table("filled", ">number", "detail", title="")
+    for kind, number in report.filled.items():
+        table.add_row(kind, f"{number:,}", report.details[kind])
+    if table.row_count:
+        _print(table)
+    by = "" if report.law is None else f" (speeds by the law {report.law}, {report.slower_than_law:,} below its lowest)"
+    print(f"Densest: {report.largest_density:.2f} persons/m²{by}")
+    print(f"More than 1 person/m²: {report.share_above_1:.1%} of all segments' slots, 4: {report.share_above_4:.1%}")
 
 
 class Advance:

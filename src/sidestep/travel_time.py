@@ -4,6 +4,7 @@ from typing import Literal, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sidestep.network.spread import Spread
@@ -50,6 +51,27 @@ class Weidmann(SpeedLaw):
     def speed(self, density: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         inverse = 1.0 / jnp.maximum(density, 1e-6)
         return jnp.maximum(-self.free_speed * jnp.expm1(-self.steepness * (inverse - 1 / self.jam_density)), self.floor)
+
+
+DENSEST = 12.0  # persons/m²; nobody has counted more
+_HALVINGS = 32  # of 0 to DENSEST: finer than single precision tells apart
+
+
+def density_at_speed(law: SpeedLaw, speed: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """The lowest density in persons/m² at which people walk at a speed in m/s or slower, by bisection.
+
+    It is 0 where the speed is that of an empty street or faster. Where the law knows no speed as low, it is the lowest
+    density of the law's lowest speed up to ``DENSEST``: for Weidmann's law 4.88, where its floor begins.
+    """
+    each, place = np.unique(np.asarray(speed, np.float32), return_inverse=True)
+    wanted = jnp.maximum(jnp.asarray(each), law.speed(jnp.float32(DENSEST)))
+    low, high = jnp.zeros_like(wanted), jnp.full_like(wanted, DENSEST)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        faster = law.speed(middle) > wanted
+        low, high = jnp.where(faster, middle, low), jnp.where(faster, high, middle)
+    found = jnp.where(wanted >= law.speed(jnp.float32(0.0)), 0.0, high)
+    return np.asarray(found)[place.reshape(np.shape(speed))]
 
 
 class SpeedField(eqx.Module):

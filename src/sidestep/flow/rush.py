@@ -49,18 +49,36 @@ class RushFlow(eqx.Module):
 
     def noise(self, key: Key[Array, ""], crowds: int, slots: int) -> Float[Array, "crowd slot segment"]:
         """Logarithms of the noise."""
-        innovations = jax.random.normal(key, (slots, crowds, self.base.shape[0])) * self.deviation
-        fresh = jnp.sqrt(1 - self.memory**2)
-
-        def later(noise: Array, innovation: Array) -> tuple[Array, Array]:
-            noise = self.memory * noise + fresh * innovation
-            return noise, noise
-
-        _, rest = jax.lax.scan(later, innovations[0], innovations[1:])
-        return jnp.moveaxis(jnp.concatenate([innovations[:1], rest]), 0, 1)
+        return lasting_noise(key, (crowds, slots, self.base.shape[0]), self.memory, self.deviation)
 
     def _field(self, volume: Float[Array, "*crowd slot segment"]) -> FlowField:
         return FlowField(jnp.maximum(volume, self.floor), self.slot_seconds)
+
+
+def lasting_noise(
+    key: Key[Array, ""], shape: tuple[int, int, int], memory: float, deviation: float
+) -> Float[Array, "crowd slot segment"]:
+    """A stationary AR(1) over the slots of every crowd and segment, independent of all others.
+
+    Parameters
+    ----------
+    shape
+        How many crowds, slots and segments.
+    memory
+        Coefficient from slot to slot, 0 to below 1.
+    deviation
+        Standard deviation, in every slot.
+    """
+    crowds, slots, segments = shape
+    innovations = jax.random.normal(key, (slots, crowds, segments)) * deviation
+    fresh = jnp.sqrt(1 - memory**2)
+
+    def later(noise: Array, innovation: Array) -> tuple[Array, Array]:
+        noise = memory * noise + fresh * innovation
+        return noise, noise
+
+    _, rest = jax.lax.scan(later, innovations[0], innovations[1:])
+    return jnp.moveaxis(jnp.concatenate([innovations[:1], rest]), 0, 1)
 
 
 class ShiftingFlow(eqx.Module):

@@ -56,7 +56,7 @@ class Venue:
     """A real place: streets from a map, crowds from counts (:class:`sidestep.flow.sensors.SensorFlow`)."""
 
     streets: str = "helsinki"  # the town that comes with the package, or a file
-    counts: str = "auckland"  # the counts that come with the package, or a file
+    counts: str = "auckland"  # the counts that come with the package, or a file; .npz is a table of crowds
     sensors: tuple[Sensor, ...] = ()  # by default all that were counted, without places
     pairing: int = 0  # seed that pairs sensors without a place with streets
     places: int = 1  # streets that each sensor without a place is paired with, each with weeks of its own
@@ -67,8 +67,10 @@ class Venue:
     hours: tuple[int, int] = (10, 20)  # between which they set out
     fitted: tuple[str, str] = TRAIN  # first day or hour that crowds are fitted to, and the one past the last
     tested: tuple[str, str] = TEST  # the same of the weeks that walks are tested in
+    noise: tuple[float, float] = (0.9, 0.0)  # of a table's crowds: memory from slot to slot, deviation of the logarithm
 
     def __post_init__(self) -> None:
+        self._check_source()
         for name in ("crowding", "reach"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ScenarioError(f"{name} must be a positive number, not {getattr(self, name)}")
@@ -84,6 +86,21 @@ class Venue:
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
             raise ScenarioError(f"a sensor stands in the list twice: {max(names, key=names.count)!r}")
+
+    def _check_source(self) -> None:
+        memory, deviation = self.noise
+        if not (0 <= memory < 1 and 0 <= deviation < math.inf):
+            raise ScenarioError(f"noise needs a memory from 0 to below 1 and a deviation, not {memory} and {deviation}")
+        of_others = ("sensors", "pairing", "reach", "fitted", "tested") if self.tabled else ("noise",)
+        for name in of_others:
+            if getattr(self, name) != getattr(type(self), name):
+                kind = "a table of crowds" if self.tabled else "counts of sensors"
+                raise ScenarioError(f"{name} means nothing to {kind}, {self.counts}")
+
+    @property
+    def tabled(self) -> bool:
+        """Whether crowds come from a table of all segments, not from sensors."""
+        return self.counts.lower().endswith(".npz")
 
     def starts(self, number: int, first: int = 0) -> list[float]:
         """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out."""

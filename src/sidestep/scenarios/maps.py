@@ -8,12 +8,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Key
+from jaxtyping import Array, Float, Key
 
 from sidestep.flow.arima import change_step, load_fitted
 from sidestep.flow.field import ArimaFlow, FlowModel
 from sidestep.flow.rush import RushFlow, ShiftingFlow
 from sidestep.flow.sensors import SensorFlow
+from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork, side_by_side
 from sidestep.network.grid import grid_network
 from sidestep.scenarios.catalogue import Scenario, ScenarioError
@@ -42,9 +43,14 @@ class CrowdedMap(eqx.Module):
     def beginning(self, starts: list[float]) -> "CrowdedMap":
         """The same place with clock 0 at these hours of the week, for one goal each."""
         start = jnp.asarray(starts, jnp.float32)
-        flow = replace(self.flow, start=start) if isinstance(self.flow, SensorFlow) else self.flow
-        recorded = replace(self.recorded, start=start) if isinstance(self.recorded, SensorFlow) else self.recorded
-        return replace(self, flow=flow, recorded=recorded)
+        recorded = None if self.recorded is None else _starting(self.recorded, start)
+        return replace(self, flow=_starting(self.flow, start), recorded=recorded)
+
+
+def _starting(flow: FlowModel, start: Float[Array, " goal"]) -> FlowModel:
+    """The same crowds from other hours of the week on, if they know the time."""
+    timed = isinstance(flow, SensorFlow) or (isinstance(flow, TableFlow) and flow.start is not None)
+    return replace(flow, start=start) if timed else flow  # type: ignore[type-var]
 
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
@@ -52,7 +58,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
     if min(seed, index) < 0:
         raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
     if scenario.venue is not None:
-        town = town_crowds(scenario.venue, scenario.slot_seconds)
+        town = town_crowds(scenario.venue, scenario.slot_seconds, scenario.law)
         return CrowdedMap(town.network, town.flow, _key(seed, index), (town.network.nodes,), town.recorded)
     key = _key(seed, index)
     streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))

@@ -6,16 +6,20 @@ from pathlib import Path
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
+from scipy.linalg import block_diag
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
 from sidestep.flow.sensors import SensorFlow, SensorModel, fit_sensors, recorded_weeks
+from sidestep.flow.table import load_crowd_table
+from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.io import load_helsinki, load_town
 from sidestep.network.snap import Snapper
 from sidestep.network.spread import spread_along
 from sidestep.network.town import Town, TownError
-from sidestep.scenarios.catalogue import ScenarioError, Sensor, Venue
+from sidestep.scenarios.catalogue import Law, ScenarioError, Sensor, Venue
+from sidestep.scenarios.tables import table_flow
 from sidestep.travel_time import FREE_SPEED
 
 HOUR = 3600.0
@@ -24,11 +28,11 @@ STEPS = "steps"
 
 
 class TownCrowds(eqx.Module):
-    """Streets, simulated crowds on them, and those that were counted in the weeks to test on."""
+    """Streets, simulated crowds on them, and those that were counted in the weeks to test on, if they were counted."""
 
     network: RoadNetwork
-    flow: SensorFlow
-    recorded: SensorFlow
+    flow: SensorFlow | TableFlow
+    recorded: SensorFlow | None
 
 
 @lru_cache(maxsize=4)
@@ -44,16 +48,21 @@ def counts_of(counts: str) -> CountTable:
 
 
 @lru_cache(maxsize=4)
-def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
-    """Streets and crowds of a venue.
+def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> TownCrowds:
+    """Streets and crowds of a venue; ``law`` turns speeds into densities, where a table has speeds.
 
     Raises
     ------
     SidestepError
-        Files that cannot be read, sensors that are not in the counts or stand nowhere near, too few counts.
+        Files that cannot be read, sensors that are not in the counts or stand nowhere near, too few counts, a table
+        that does not fit.
     """
-    town, table = town_of(venue.streets), counts_of(venue.counts)
+    town = town_of(venue.streets)
     network = town.network()
+    if venue.tabled:
+        crowds = load_crowd_table(venue.counts)
+        return TownCrowds(network, table_flow(venue, crowds, town, network, slot_seconds=slot_seconds, law=law), None)
+    table = counts_of(venue.counts)
     sensors = venue.sensors or tuple(map(Sensor, table.sensors))
     names = [sensor.name for sensor in sensors]
     model = fit_sensors(table.between(*venue.fitted), names)
@@ -72,21 +81,24 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
 def in_several_places(
     model: SensorModel, record: Float[np.ndarray, "week 168 sensor"], sensors: tuple[Sensor, ...], places: int
 ) -> tuple[SensorModel, Float[np.ndarray, "week 168 stand"], tuple[Sensor, ...]]:
-    """Sensors that stand in several places each, with innovations and recorded weeks of their own in each of them."""
-
-    def again(table: Float[Array, "*lead sensor"]) -> Float[Array, "*lead stand"]:
-        return jnp.concatenate([table] * places, axis=-1)
-
-    together = jnp.kron(jnp.eye(places), model.together)
+    """Sensors without a place stand in several, with innovations and recorded weeks of their own in each of them."""
+    once = np.arange(len(sensors))
+    without = np.array([number for number in once if sensors[number].place is None], int)
+    copies = [once, *[without] * (places - 1)] if len(without) else [once]
+    correlation = np.asarray(model.together @ model.together.T)
+    together = block_diag(*(np.linalg.cholesky(correlation[np.ix_(stands, stands)]) for stands in copies))
+    every = np.concatenate(copies)
     several = SensorModel(
-        again(model.usual), again(model.weekly), again(model.deviation), again(model.memory), together
+        model.usual[:, every],
+        model.weekly[every],
+        model.deviation[:, every],
+        model.memory[every],
+        jnp.asarray(together, jnp.float32),
     )
-    weeks = len(record)
-    return (
-        several,
-        np.concatenate([np.roll(record, -(copy * weeks // places), axis=0) for copy in range(places)], axis=-1),
-        sensors * places,
-    )
+    weeks = [
+        np.roll(record[..., stands], -(copy * len(record) // places), axis=0) for copy, stands in enumerate(copies)
+    ]
+    return several, np.concatenate(weeks, axis=-1), tuple(sensors[number] for number in every)
 
 
 def _none(leaf: object) -> bool:

@@ -1,0 +1,141 @@
+"""Crowds of a venue from a table, and what an import says about one."""
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32
+
+from sidestep.flow.table import CrowdTable, read_table
+from sidestep.flow.tabled import TableFlow, hour_of_week
+from sidestep.network.graph import RoadNetwork
+from sidestep.network.town import Town
+from sidestep.scenarios.catalogue import LAWS, Law, ScenarioError, Venue
+from sidestep.travel_time import DENSEST, density_at_speed
+
+DENSE, JAMMED = 1.0, 4.0  # persons/m²: where people begin to slow down, and where they hardly move
+
+
+@dataclass(frozen=True)
+class TableReport:
+    """What a table holds, and what was filled in."""
+
+    source: str
+    quantity: str
+    rows: int
+    segments: int  # of the town
+    mentioned: int  # of them, in the table
+    slots: int
+    slot_seconds: float
+    begins: str | None  # local wall time; None: the table does not know
+    ends: str | None
+    filled: dict[str, int]
+    details: dict[str, str]  # what was done about each
+    unused_columns: tuple[str, ...]
+    largest_density: float  # persons/m²
+    share_above_1: float  # of all slots of all segments, those with more than a person per m²
+    share_above_4: float
+    law: str | None  # by which speeds became densities
+    slower_than_law: int  # speeds below the law's lowest; they count as the lowest density that has that
+
+
+def import_table(
+    path: Path, town: Town, *, slot_seconds: float | None = None, law: Law = "weidmann"
+) -> tuple[CrowdTable, TableReport]:
+    """Read a table of crowds and say what it holds; ``law`` turns speeds into densities for the report.
+
+    Raises
+    ------
+    TableError
+        A file that cannot be read or breaks a rule.
+    """
+    table, network = read_table(path, town, slot_seconds), town.network()
+    volume, slower = volumes(table, network, law)
+    density = volume / _area(network)
+    ends = None if table.begins is None else _later(table.begins, table.slots * table.slot_seconds)
+    return table, TableReport(
+        source=table.source,
+        quantity=table.quantity,
+        rows=table.rows,
+        segments=table.segments,
+        mentioned=len(table.segment),
+        slots=table.slots,
+        slot_seconds=table.slot_seconds,
+        begins=None if table.begins is None else table.begins.isoformat(),
+        ends=ends,
+        filled={repair.kind: repair.number for repair in table.repairs},
+        details={repair.kind: repair.detail for repair in table.repairs},
+        unused_columns=table.unused,
+        largest_density=float(density.max()),
+        share_above_1=float((density > DENSE).mean()),
+        share_above_4=float((density > JAMMED).mean()),
+        law=law if table.quantity == "speed" else None,
+        slower_than_law=slower,
+    )
+
+
+def _later(time: datetime, seconds: float) -> str | None:
+    try:
+        return (time + timedelta(seconds=seconds)).isoformat()
+    except OverflowError:  # the last slot of the year 9999
+        return None
+
+
+def volumes(table: CrowdTable, network: RoadNetwork, law: Law) -> tuple[Float32[np.ndarray, "slot segment"], int]:
+    """Persons on every segment in every slot, and how many speeds are below the law's lowest."""
+    value, slower = table.value, 0
+    if table.quantity == "speed":
+        lowest = float(LAWS[law].speed(jnp.float32(DENSEST)))
+        slower = int((value < lowest).sum())
+        value = density_at_speed(LAWS[law], value)
+    if table.quantity != "volume":
+        value = value * _area(network)[table.segment]
+    everywhere = np.zeros((table.slots, network.segments), np.float32)
+    everywhere[:, table.segment] = value
+    return everywhere, slower
+
+
+def _area(network: RoadNetwork) -> Float32[np.ndarray, " segment"]:
+    return np.asarray(network.length) * np.asarray(network.width)
+
+
+def table_flow(
+    venue: Venue, table: CrowdTable, town: Town, network: RoadNetwork, *, slot_seconds: float, law: Law
+) -> TableFlow:
+    """The crowds of a venue as its table has them.
+
+    Raises
+    ------
+    TableError
+        A table for other streets.
+    ScenarioError
+        Slots longer than the table's; hours to set out in about which it says nothing; a law that cannot do with
+        empty segments.
+    """
+    table.check_town(town)
+    if table.slot_seconds < slot_seconds:
+        raise ScenarioError(
+            f"{table.source}: its slots of {table.slot_seconds:g} s are shorter than the scenario's of "
+            f"{slot_seconds:g} s; set slot_seconds to {table.slot_seconds:g}"
+        )
+    volume, _ = volumes(table, network, law)
+    if law == "power" and not volume.all():
+        raise ScenarioError(f"{table.source}: the law power gives no time to segments without people; use power-capped")
+    memory, deviation = venue.noise
+    begins = None if table.begins is None else hour_of_week(table.begins)
+    start = None if begins is None else jnp.asarray(venue.starts(1), jnp.float32)
+    usual = jnp.asarray(venue.crowding * volume, jnp.float32)
+    flow = TableFlow(usual, table.slot_seconds, memory, deviation, slot_seconds, begins, start)
+    for hour in (24 * day + hour for day in sorted(set(venue.days)) for hour in range(*venue.hours)):
+        if not flow.covers(hour) and table.begins is not None:
+            raise ScenarioError(
+                f"{table.source}: it covers {flow.span / 3600:g} hours from {table.begins:%A} "
+                f"{table.begins:%H:%M} on, but the venue's days and hours have people set out on "
+                f"{_DAYS[hour // 24]} at {hour % 24}:00"
+            )
+    return flow
+
+
+_DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")

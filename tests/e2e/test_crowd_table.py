@@ -1,0 +1,152 @@
+"""Tables of crowds as people use them: imported by the command line, walked through at a venue."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
+from sidestep.flow.table import load_crowd_table, read_table, save_crowd_table
+from sidestep.flow.tabled import TableFlow
+from sidestep.network.io import save_town
+from sidestep.network.town import Town
+from sidestep.scenarios.catalogue import Scenario, ScenarioError, Venue, scenario
+from sidestep.scenarios.maps import draw_map
+
+SIDE = 4
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A town of 4 x 4 crossings, 111 m apart."""
+    path = tmp_path_factory.mktemp("town")
+    place = np.array([[x / 1000, y / 1000] for y in range(SIDE) for x in range(SIDE)], float)
+    across = [(i, i + 1) for i in range(SIDE**2) if (i + 1) % SIDE]
+    ends = np.array([*across, *((i, i + SIDE) for i in range(SIDE**2 - SIDE))], np.int32)
+    streets = len(ends)
+    town = Town(
+        place=place,
+        ids=np.arange(SIDE**2) + 100,
+        tail=ends[:, 0],
+        head=ends[:, 1],
+        one_way=np.zeros(streets, bool),
+        length=np.full(streets, 111.2, np.float32),
+        width=np.full(streets, 3, np.float32),
+        kind=("footway",) * streets,
+        name=("",) * streets,
+        signals=np.zeros(streets, np.int16),
+        crossings=np.zeros(streets, np.int16),
+        points=place[ends.ravel()],
+        first=np.arange(0, 2 * streets + 2, 2),
+        attribution="",
+    )
+    save_town(town, path / "town.npz")
+    rows = [
+        f"{street},2025-05-24T{12 + hour}:00,{0.2 + 1.3 * ((street + hour) % 3 == 0)}"
+        for hour in range(4)
+        for street in range(streets)
+    ]
+    (path / "crowds.csv").write_text("\n".join(["street,time,speed", *rows]))
+    save_crowd_table(read_table(path / "crowds.csv", town), path / "made.npz")
+    return path
+
+
+def run(folder: Path, *args: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "sidestep", "counts", "import", *args, "--network", "town.npz"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+
+
+def test_a_table_becomes_crowds(folder: Path) -> None:
+    done = run(folder, "crowds.csv", "--out", "new/crowds.npz", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["rows"], found["segments"], found["mentioned"], found["slots"]) == (96, 48, 48, 4)
+    assert (found["begins"], found["ends"]) == ("2025-05-24T12:00:00", "2025-05-24T16:00:00")
+    # Weidmann's law at .2 m/s is 1.34 (1 - exp(-1.913 (1/p - 1/5.4))): 1/p = .269681
+    assert found["largest_density"] == pytest.approx(3.70808, rel=1e-4)
+    assert (found["share_above_1"], found["share_above_4"]) == (pytest.approx(2 / 3), 0)
+    assert (found["filled"], found["law"], found["slower_than_law"]) == ({}, "weidmann", 0)
+    assert (folder / "new" / "crowds.npz").read_bytes() == (folder / "made.npz").read_bytes()
+
+
+def test_people_are_told_what_was_filled(folder: Path) -> None:
+    (folder / "gap.csv").write_text("from,to,slot,volume,seen\n100,101,0,400,a\n100,101,2,800,b\n")
+    done = run(folder, "gap.csv", "--out", "gap.npz", "--slot", "2")
+    assert done.returncode == 0, done.stderr
+    for said in (
+        "2 rows",
+        "1 of 48 segments in 3 slots of 2 min",
+        "gap",
+        "not mentioned",
+        "nothing here: seen",
+        "2.40",
+    ):
+        assert said in done.stdout
+    (folder / "slow.csv").write_text("segment,slot,speed\n0,0,0.01\n1,0,0.1\n2,0,0.2\n")
+    for law, slower in (("weidmann", 1), ("power-capped", 2)):  # their lowest speeds are .05 and 1.34 12^-.8 = .184
+        done = run(folder, "slow.csv", "--out", "slow.npz", "--law", law)
+        assert f"(speeds by the law {law}, {slower} below its lowest)" in done.stdout
+    assert load_crowd_table(folder / "gap.npz").value.tolist() == [[400], [600], [800]]
+
+
+@pytest.mark.parametrize(
+    ("text", "args", "said"),
+    [
+        ("segment,slot,volume\n0,0,1\n0,1,-1\n", (), "bad.csv: line 3, column volume: '-1' is negative"),
+        ("segment,slot,volume\n0,0,1\n", ("--slot", "0"), "--slot must be a positive number of minutes, not 0"),
+        ("segment,slot,volume\n0,0,1\n", ("--out", "bad.csv"), "give a name that ends so"),
+    ],
+)
+def test_bad_input_is_one_sentence(folder: Path, text: str, args: tuple[str, ...], said: str) -> None:
+    (folder / "bad.csv").write_text(text)
+    done = run(folder, "bad.csv", *(() if "--out" in args else ("--out", "bad.npz")), *args)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert said in done.stderr
+    assert not (folder / "bad.npz").exists()
+
+
+def at_table(folder: Path, **changes: object) -> Scenario:
+    files = {"streets": str(folder / "town.npz"), "counts": str(folder / changes.pop("counts", "made.npz"))}
+    venue = Venue(**{**files, "days": (5,), "hours": (12, 15), **changes})
+    return replace(scenario("helsinki"), name="table", venue=venue)
+
+
+def test_walks_through_a_table(folder: Path) -> None:
+    problem = at_table(folder)
+    place = draw_map(problem, 0)
+    assert isinstance(place.flow, TableFlow)
+    assert place.recorded is None
+    there = place.beginning([132.0, 133.0])
+    first, second = np.asarray(there.flow.expected(2).density(place.network))[:, 0, :3]
+    assert first == pytest.approx([0, 3.70808, 3.70808], rel=1e-4)
+    assert second == pytest.approx([3.70808, 3.70808, 0], rel=1e-4)
+    chosen = choose(["shortest-path", "expected", "clairvoyant", "snapshot", "forecast"], {**BASELINES, **REPLANNING})
+    rows = compare(problem, chosen, maps=[0], walks=12, seed=0, workers=1).as_json(None, "expected")["planners"]
+    assert all(row["arrival_rate"] == 1 for row in rows.values())
+    # without noise crowds come as expected
+    bound = rows["clairvoyant"]["mean_minutes"]
+    assert rows["expected"]["mean_minutes"] == pytest.approx(bound, rel=1e-4)
+    assert rows["shortest-path"]["mean_minutes"] > 1.02 * bound
+
+
+def test_venues_that_do_not_fit_their_table(folder: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"covers 4 hours from Saturday 12:00 on, .* on Monday at 10:00"):
+        draw_map(at_table(folder, days=(0, 5), hours=(10, 15)), 0)
+    with pytest.raises(ScenarioError, match=r"slots of 3600 s are shorter than the scenario's of 7200 s"):
+        draw_map(replace(at_table(folder), slot_seconds=7200.0), 0)
+    empty = replace(load_crowd_table(folder / "made.npz"), quantity="volume", value=np.zeros((4, 48), np.float32))
+    save_crowd_table(empty, folder / "empty.npz")
+    with pytest.raises(ScenarioError, match="the law power gives no time to segments without people"):
+        draw_map(replace(at_table(folder, counts="empty.npz"), law="power"), 0)
+    with pytest.raises(ScenarioError, match="pairing means nothing to a table of crowds"):
+        at_table(folder, pairing=1)
+    with pytest.raises(ScenarioError, match="noise means nothing to counts of sensors"):
+        Venue(noise=(0.5, 0.1))
+    with pytest.raises(ScenarioError, match="noise needs a memory"):
+        at_table(folder, noise=(1.0, 0.1))
+    with pytest.raises(ValueError, match="a town of 48 segments, but this one has 3414"):
+        draw_map(at_table(folder, streets="helsinki"), 0)
