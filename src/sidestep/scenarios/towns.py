@@ -7,6 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
 from sidestep.flow.sensors import SensorFlow, fit_sensors, recorded_weeks
@@ -15,7 +17,7 @@ from sidestep.network.io import load_helsinki, load_town
 from sidestep.network.snap import Snapper
 from sidestep.network.spread import spread_along
 from sidestep.network.town import Town, TownError
-from sidestep.scenarios.catalogue import ScenarioError, Sensor, Venue
+from sidestep.scenarios.catalogue import Place, ScenarioError, Sensor, Venue
 from sidestep.travel_time import FREE_SPEED
 
 HOUR = 3600.0
@@ -24,11 +26,13 @@ STEPS = "steps"
 
 
 class TownCrowds(eqx.Module):
-    """Streets, simulated crowds on them, and those that were counted in the weeks to test on."""
+    """Streets, simulated crowds on them, those that were counted in the weeks to test on, and where people walk."""
 
     network: RoadNetwork
     flow: SensorFlow
     recorded: SensorFlow
+    origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes; none: anywhere
+    destinations: tuple[int, ...] = eqx.field(static=True, default=())
 
 
 @lru_cache(maxsize=4)
@@ -50,10 +54,13 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
     Raises
     ------
     SidestepError
-        Files that cannot be read, sensors that are not in the counts or stand nowhere near, too few counts.
+        Files that cannot be read, sensors that are not in the counts or stand nowhere near, too few counts, origins and
+        destinations that are not in the town or between which there is no way.
     """
     town, table = town_of(venue.streets), counts_of(venue.counts)
     network = town.network()
+    origins, ends = (crossings(town, name, getattr(venue, name)) for name in ("origins", "destinations"))
+    check_ways(network, origins, ends)
     sensors = venue.sensors or tuple(map(Sensor, table.sensors))
     names = [sensor.name for sensor in sensors]
     model = fit_sensors(table.between(*venue.fitted), names)
@@ -65,11 +72,83 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
     start = jnp.asarray(venue.starts(1), jnp.float32)
     flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds)
     record = recorded_weeks(model, table.between(*venue.tested), names)
-    return TownCrowds(network, flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none))
+    recorded = eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)
+    return TownCrowds(network, flow, recorded, origins, ends)
 
 
 def _none(leaf: object) -> bool:
     return leaf is None
+
+
+def crossings(town: Town, name: str, places: tuple[Place, ...]) -> tuple[int, ...]:
+    """The crossings that the origins or destinations of a venue are, by number.
+
+    A place is taken to the nearest street, and there to the nearer end.
+
+    Raises
+    ------
+    ScenarioError
+        Crossings that there are not, places outside the town, and two places that are one crossing.
+    """
+    snap, found = Snapper(town), dict[int, Place]()
+    for place in places:
+        node = _crossing(town, snap, name, place)
+        if node in found:
+            raise ScenarioError(f"{name} must all be different, but {found[node]} and {place} are both crossing {node}")
+        found[node] = place
+    return tuple(found)
+
+
+def _crossing(town: Town, snap: Snapper, name: str, place: Place) -> int:
+    if isinstance(place, int):
+        if place >= town.nodes:
+            raise ScenarioError(f"{name}: there is no crossing {place}; they are numbered 0 to {town.nodes - 1}")
+        return place
+    try:
+        on = snap.nearest(*place)
+    except TownError as error:
+        raise ScenarioError(f"{name}: {error}") from error
+    return int(town.tail[on.street] if on.part < 0.5 else town.head[on.street])
+
+
+def check_ways(network: RoadNetwork, origins: tuple[int, ...], ends: tuple[int, ...]) -> None:
+    """Make sure that whoever sets out, and wherever they stray, there is a way to each destination.
+
+    Towns that were imported are in one part. Those of other programs need not be, and a walker must not come to a
+    crossing that has no way on.
+
+    Raises
+    ------
+    ScenarioError
+        A crossing from which there is no way to a destination, or a destination where all walks would begin.
+    """
+    for end in ends:
+        if origins == (end,):
+            raise ScenarioError(f"destinations: crossing {end} is the only origin, so that nobody walks there")
+    tail, head = np.asarray(network.tail), np.asarray(network.head)
+    ways = coo_array((np.ones(len(tail)), (tail, head)), shape=(network.nodes,) * 2).tocsr()
+    if connected_components(ways, connection="strong")[0] == 1:
+        return
+    back = ways.T.tocsr()
+    met = [breadth_first_order(ways, node, return_predecessors=False) for node in origins]
+    strays = np.unique(np.concatenate(met)) if met else np.arange(network.nodes)
+    # To whom everybody comes, and who comes to everybody, all come to all.
+    for end in ends or (int(strays[0]),):
+        lost = np.setdiff1d(strays, breadth_first_order(back, end, return_predecessors=False))
+        if len(lost):
+            raise _no_way(int(lost[0]), end)
+    if not ends:
+        first = int(strays[0])
+        missed = np.setdiff1d(np.arange(network.nodes), breadth_first_order(ways, first, return_predecessors=False))
+        if len(missed):
+            raise _no_way(first, int(missed[0]))
+
+
+def _no_way(start: int, end: int) -> ScenarioError:
+    return ScenarioError(
+        f"there is no way from crossing {start} to crossing {end}; choose origins and destinations in the part of the "
+        "town in which everybody gets everywhere, or import the streets by sidestep import-osm, which keeps that part"
+    )
 
 
 def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pairing: int) -> Int[np.ndarray, " sensor"]:
@@ -86,7 +165,7 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
         raise ScenarioError(f"there are {len(sensors)} sensors, but {town.streets} streets")
     middle = (np.asarray(network.position)[town.tail] + np.asarray(network.position)[town.head]) / 2
     snap = Snapper(town)
-    found = [None if sensor.place is None else _nearest(snap, sensor) for sensor in sensors]
+    found = [nearest_street(snap, sensor) for sensor in sensors]
     taken = [street for street in found if street is not None]
     rng = np.random.default_rng([pairing, len(sensors)])
     weight = np.where(np.array(town.kind) == STEPS, 0.0, town.length) + 1e-9
@@ -104,8 +183,15 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
     return np.array([next(rest) if street is None else street for street in found], np.int64)
 
 
-def _nearest(snap: Snapper, sensor: Sensor) -> int:
+def nearest_street(snap: Snapper, sensor: Sensor) -> int | None:
+    """The street that a sensor stands on, where it has a place.
+
+    Raises
+    ------
+    ScenarioError
+        A place outside the town.
+    """
     try:
-        return snap.nearest(*sensor.place).street if sensor.place else -1
+        return snap.nearest(*sensor.place).street if sensor.place else None
     except TownError as error:
         raise ScenarioError(f"sensor {sensor.name!r}: {error}") from error
