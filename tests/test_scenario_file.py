@@ -6,6 +6,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 from sidestep.agent import checkpoint
 from sidestep.agent.config import preset_for
+from sidestep.agent.train import fresh_network
 from sidestep.files import OutputError
 from sidestep.flow.counts import TEST, TRAIN
 from sidestep.network.graph import road_network
@@ -458,3 +460,25 @@ def test_what_cannot_be_revived() -> None:
     for damage in ({"colour": "red"}, {"departures": [1.0]}, {"name": {"x": 1}}, {"horizon": [1]}):
         with pytest.raises((TypeError, ValueError)):
             checkpoint._revived(type(BUILT_IN["helsinki"]), fields | damage)
+
+
+def test_a_model_needs_no_scenario_file_to_walk_elsewhere(tmp_path) -> None:
+    venue = Venue(streets=str(tmp_path / "gone.npz"), counts=str(tmp_path / "gone.csv"), destinations=(3, (60.0, 25.0)))
+    scenario = dataclasses.replace(BUILT_IN["helsinki"], venue=venue, horizon=600.0)
+    config = dataclasses.replace(preset_for(scenario, "default"), hidden=(4,))
+    network = fresh_network(config, scenario, one_way((0, 1), (1, 0)), jax.random.key(0))
+    header = {
+        "format": checkpoint.FORMAT,
+        "scenario": dataclasses.asdict(scenario),
+        "seed": 0,
+        "index": 0,
+        "config": dataclasses.asdict(config),
+        "curve": [],
+        "fingerprint": "",
+    }
+    with (tmp_path / checkpoint.MODEL).open("wb") as file:
+        file.write(json.dumps(header).encode() + b"\n")
+        eqx.tree_serialise_leaves(file, network)
+    model = checkpoint.load_model(tmp_path)
+    assert (model.scenario, model.config) == (scenario, config)
+    assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), model.network, network))

@@ -5,7 +5,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
@@ -160,7 +160,7 @@ class _Reader:
             raise self._error(keys, f"{'.'.join(keys)} makes {problem.slots:,} slots; at most {MOST_SLOTS:,} will do")
         if venue.counts == COUNTS and not venue.sensors and _DEFAULTS.venue:
             venue = replace(venue, sensors=_DEFAULTS.venue.sensors)
-        self._check_place(venue)
+        self._check_place(venue, given)
         return replace(problem, venue=venue)
 
     def _given(self) -> dict[Keys, tuple[_Field, object]]:
@@ -221,7 +221,7 @@ class _Reader:
             raise self._error(keys, f"{'.'.join(keys)}: {file} is a folder, not a file")
         return str(file.resolve())
 
-    def _check_place(self, venue: Venue) -> None:
+    def _check_place(self, venue: Venue, given: Container[Keys]) -> None:
         """Read the files that are named, and look for the sensors and places in them."""
         from sidestep.network.snap import Snapper  # these import jax
         from sidestep.scenarios.towns import counts_of, crossings, nearest_street, town_of
@@ -229,7 +229,9 @@ class _Reader:
         town = self._at(("network", "file"), town_of, venue.streets)
         table = self._at(("counts", "file"), counts_of, venue.counts)
         for period in ("fitted", "tested"):
-            self._at(("counts", period), table.between, *getattr(venue, period))
+            defaulted = venue.counts != COUNTS and ("counts", period) not in given
+            more = f"; give counts.{period}, since the default days are Auckland's" if defaulted else ""
+            self._at(("counts", period), table.between, *getattr(venue, period), more=more)
         snap = Snapper(town)
         for sensor in venue.sensors:
             self._at(("sensors", sensor.name), table.series, sensor.name)
@@ -237,12 +239,12 @@ class _Reader:
         for name in ("origins", "destinations"):
             self._at(("walks", name), crossings, town, name, getattr(venue, name))
 
-    def _at(self, keys: Keys, ask: Callable[..., Any], *about: object) -> Any:
+    def _at(self, keys: Keys, ask: Callable[..., Any], *about: object, more: str = "") -> Any:
         """The answer; or, where it is refused, the refusal with the line that it comes of."""
         try:
             return ask(*about)
         except SidestepError as error:
-            raise self._error(keys, f"{'.'.join(keys)}: {error}") from error
+            raise self._error(keys, f"{'.'.join(keys)}: {error}{more}") from error
 
     def _error(self, keys: Keys, said: str) -> ScenarioError:
         return ScenarioError(f"{self.path}: line {line_of(self.text, keys)}: {' '.join(said.split())}")
@@ -414,7 +416,7 @@ _FIELDS: dict[str, dict[str, _Field]] = {
         "hours": _Field("venue", "hours", _hours),
     },
     "walking": {
-        "law": _Field("scenario", "law", _choice("power", "power-capped", "weidmann")),
+        "law": _Field("scenario", "law", _choice("power-capped", "weidmann")),
         "rule": _Field("scenario", "rule", _choice("integrated", "entry")),
         "horizon_minutes": _Field("scenario", "horizon", _minutes),
         "departures_minutes": _Field("scenario", "departures", _departures),

@@ -97,7 +97,7 @@ days = "Mon-Sun"
 hours = [10, 20]
 
 [walking]
-# Speed by density: "weidmann" (the default), "power" (the paper's), "power-capped" (the same, never above free speed).
+# Speed by density: "weidmann" (the default), or "power-capped" (the paper's, but never above free speed).
 law = "weidmann"
 # Crossing times through all slots, "integrated" (the default), or by the density at entry, "entry" (the paper's).
 rule = "integrated"

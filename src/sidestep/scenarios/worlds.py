@@ -161,7 +161,7 @@ def goals_of(place: CrowdedMap, goals: int) -> Int[np.ndarray, "goal part"]:
     return _some(np.random.default_rng(len(place.ends)).permutation(place.ends)[:, None], goals)
 
 
-def _some(every: Int[np.ndarray, "goal part"], goals: int) -> Int[np.ndarray, "goal part"]:
+def _some(every: Int[np.ndarray, "any part"], goals: int) -> Int[np.ndarray, "goal part"]:
     if not 1 <= goals <= len(every):
         raise ScenarioError(f"there must be between 1 and {len(every)} destinations, not {goals}")
     return every[:goals]
