@@ -264,9 +264,9 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[sensors]\n'45 Queen Street' = 'near'", "line 4: sensor '45 Queen Street' must be [latitude,"),
         (HELSINKI + "[sensors]\na.b = 'paired'", "not a table; a name with a dot in it needs quotes"),
         # values out of range
-        (HELSINKI + "[demand]\ncrowding = 0", "line 4: demand.crowding: crowding must be a positive number, not 0"),
-        (HELSINKI + "[demand]\nreach = nan", "line 4: demand.reach: reach must be a positive number, not nan"),
-        (HELSINKI + "[demand]\nhours = [20, 10]", "line 4: demand.hours: hours must be two of 0 to 24 in order"),
+        (HELSINKI + "[demand]\ncrowding = 0", "line 4: demand.crowding must be a positive number, not 0"),
+        (HELSINKI + "[demand]\nreach = nan", "line 4: demand.reach must be a positive number, not nan"),
+        (HELSINKI + "[demand]\nhours = [20, 10]", "line 4: demand.hours must be two of 0 to 24 in order"),
         (HELSINKI + "[demand]\ndays = 'Mo-Fr'", "line 4: demand.days must be weekdays, Mon, Tue, Wed"),
         (HELSINKI + "[demand]\ndays = []", "line 4: demand.days must be a list of weekdays, or a span"),
         (HELSINKI + "[demand]\ndays = ['Mon', 'Monday']", "must all be different, but Monday is there twice"),
@@ -284,11 +284,12 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[walking]\nslot_minutes = 1e-9", "line 4: walking.slot_minutes makes"),
         (HELSINKI + "[walking]\ndepartures_minutes = [9, 3]", "numbers of minutes in order, from 0 on, not 9 and 3"),
         (HELSINKI + "[walks]\ncount = 0", "line 4: walks.count must be between 1 and 1,000,000, not 0"),
-        (HELSINKI + "[walks]\norigins = [1, 1]", "line 4: walks.origins: origins must all be different, but 1 is"),
+        (HELSINKI + "[walks]\norigins = [1, 1]", "line 4: walks.origins must all be different, but 1 is"),
         (HELSINKI + "[walks]\norigins = [-1]", "origins must be crossings, numbered from 0, not -1"),
         (HELSINKI + "[walks]\norigins = [[99, 24.9]]", "origins must be degrees of latitude (-90 to 90), then"),
         (HELSINKI + "[walks]\norigins = [1000000]", "there is no crossing 1000000; they are numbered 0 to"),
-        (HELSINKI + "[walks]\ndestinations = [[48.2, 16.4]]", "line 4: walks.destinations: destinations: 48.2, 16.4"),
+        (HELSINKI + "[walks]\ndestinations = [[48.2, 16.4]]", "line 4: walks.destinations: 48.2, 16.4"),
+        (HELSINKI + "[walks]\norigins = [5]\ndestinations = [5]", "line 5: walks.destinations: crossing 5 is the only"),
         (HELSINKI + "[agent]\nlevel = 'position'", "line 4: agent.level must be one of local, map, live, not 'posi"),
         (HELSINKI + "[sensors]\n'45 Queen Street' = [24.94, 60.17]", "line 4: sensors.45 Queen Street: sensor"),
         (HELSINKI + "[sensors]\n'45 Queen Street' = [240, 60.17]", "240, 60.17 is no place"),
@@ -325,7 +326,7 @@ def test_lines_counted_by_hand(said, text: str, line: int) -> None:
 
 def test_where_a_list_stands_that_goes_over_lines(said) -> None:
     text = "network.file='helsinki'\n[walks]\n\norigins = [\n  1,\n  [60.17, 24.94],\n  [0, 0],\n]\ncount = 3\n"
-    assert said(text).startswith("line 4: walks.origins: origins: 0, 0 is")
+    assert said(text).startswith("line 4: walks.origins: 0, 0 is")
 
 
 def test_lines_of_deep_and_long_documents() -> None:

@@ -154,7 +154,7 @@ class _Reader:
                 else:
                     problem = replace(problem, **{field.name: at})  # type: ignore[arg-type]
             except ScenarioError as error:
-                raise self._error(keys, f"{'.'.join(keys)}: {error}") from error
+                raise self._blamed(keys, str(error)) from error
         if problem.slots > MOST_SLOTS:
             keys = ("walking", "slot_minutes" if ("walking", "slot_minutes") in given else "horizon_minutes")
             raise self._error(keys, f"{'.'.join(keys)} makes {problem.slots:,} slots; at most {MOST_SLOTS:,} will do")
@@ -224,7 +224,7 @@ class _Reader:
     def _check_place(self, venue: Venue, given: Container[Keys]) -> None:
         """Read the files that are named, and look for the sensors and places in them."""
         from sidestep.network.snap import Snapper  # these import jax
-        from sidestep.scenarios.towns import counts_of, crossings, nearest_street, town_of
+        from sidestep.scenarios.towns import check_ways, counts_of, crossings, nearest_street, town_of
 
         town = self._at(("network", "file"), town_of, venue.streets)
         table = self._at(("counts", "file"), counts_of, venue.counts)
@@ -236,15 +236,23 @@ class _Reader:
         for sensor in venue.sensors:
             self._at(("sensors", sensor.name), table.series, sensor.name)
             self._at(("sensors", sensor.name), nearest_street, snap, sensor)
-        for name in ("origins", "destinations"):
+        origins, ends = (
             self._at(("walks", name), crossings, town, name, getattr(venue, name))
+            for name in ("origins", "destinations")
+        )
+        self._at(("walks", "destinations"), check_ways, town.network(), origins, ends)
 
     def _at(self, keys: Keys, ask: Callable[..., Any], *about: object, more: str = "") -> Any:
         """The answer; or, where it is refused, the refusal with the line that it comes of."""
         try:
             return ask(*about)
         except SidestepError as error:
-            raise self._error(keys, f"{'.'.join(keys)}: {error}{more}") from error
+            raise self._blamed(keys, f"{error}{more}") from error
+
+    def _blamed(self, keys: Keys, said: str) -> ScenarioError:
+        """An error of another module, which may name the field in its own words first."""
+        field = ".".join(keys)
+        return self._error(keys, field + (said.removeprefix(keys[-1]) if said.startswith(keys[-1]) else f": {said}"))
 
     def _error(self, keys: Keys, said: str) -> ScenarioError:
         return ScenarioError(f"{self.path}: line {line_of(self.text, keys)}: {' '.join(said.split())}")
