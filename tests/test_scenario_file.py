@@ -281,6 +281,7 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[walking]\nrule = []", "line 4: walking.rule must be one of integrated, entry, not a list"),
         (HELSINKI + "[walking]\nhorizon_minutes = -5", "line 4: walking.horizon_minutes must be a positive number"),
         (HELSINKI + "[walking]\nhorizon_minutes = 1e9", "walking.horizon_minutes makes 200,000,012 slots; at most"),
+        (HELSINKI + "[walking]\nhorizon_minutes = 1e300\nslot_minutes = 1e-300", "line 5: walking.slot_minutes makes inf"),
         (HELSINKI + "[walking]\nslot_minutes = 1e-9", "line 4: walking.slot_minutes makes"),
         (HELSINKI + "[walking]\ndepartures_minutes = [9, 3]", "numbers of minutes in order, from 0 on, not 9 and 3"),
         (HELSINKI + "[walks]\ncount = 0", "line 4: walks.count must be between 1 and 1,000,000, not 0"),

@@ -155,9 +155,10 @@ class _Reader:
                     problem = replace(problem, **{field.name: at})  # type: ignore[arg-type]
             except ScenarioError as error:
                 raise self._blamed(keys, str(error)) from error
-        if problem.slots > MOST_SLOTS:
+        slots = (problem.departures[1] + problem.horizon) / problem.slot_seconds
+        if slots > MOST_SLOTS:
             keys = ("walking", "slot_minutes" if ("walking", "slot_minutes") in given else "horizon_minutes")
-            raise self._error(keys, f"{'.'.join(keys)} makes {problem.slots:,} slots; at most {MOST_SLOTS:,} will do")
+            raise self._error(keys, f"{'.'.join(keys)} makes {slots:,.0f} slots; at most {MOST_SLOTS:,} will do")
         if venue.counts == COUNTS and not venue.sensors and _DEFAULTS.venue:
             venue = replace(venue, sensors=_DEFAULTS.venue.sensors)
         self._check_place(venue, given)
