@@ -15,6 +15,7 @@ import pytest
 from sidestep.agent import checkpoint
 from sidestep.agent.config import preset_for
 from sidestep.agent.train import fresh_network
+from sidestep.evaluation.compare import BASELINES, walk_map
 from sidestep.files import OutputError
 from sidestep.flow.counts import TEST, TRAIN
 from sidestep.network.graph import road_network
@@ -71,6 +72,7 @@ file = "auckland"
 fitted = ["2024-02-01", 2024-12-01]
 tested = [2025-03-10T00:00:00, "2025-06-01T06"]
 pairing = 7
+places = 1
 [sensors]
 "45 Queen Street" = [60.17, 24.94]
 "59 High Street" = "paired"
@@ -125,7 +127,7 @@ level = "live"
 
 def test_defaults_are_those_of_helsinki_without_the_event(write, tmp_path) -> None:
     found = load_scenario(write(HELSINKI))
-    assert found.venue == dataclasses.replace(BUILT_IN["helsinki"].venue, crowding=1.0)
+    assert found.venue == dataclasses.replace(BUILT_IN["helsinki"].venue, crowding=1.0, reach=150.0, places=1)
     assert (found.venue.fitted, found.venue.tested) == (TRAIN, TEST)
     expected = dataclasses.replace(BUILT_IN["helsinki"], name=tmp_path.name, summary="", venue=found.venue)
     assert found == expected
@@ -143,7 +145,8 @@ def test_the_template_is_helsinki_and_names_every_field(tmp_path) -> None:
     for table, fields in _FIELDS.items():
         assert table == "sensors" or set(values[table]) == set(fields)
     text = re.sub(r"#.*", "", file.read_text())
-    bare = "\n".join(line for line in text.splitlines() if "crowding" not in line and '= "paired"' not in line)
+    ours = re.compile(r'^(crowding|reach|places) =|= "paired"')
+    bare = "\n".join(line for line in text.splitlines() if not ours.search(line))
     # What it says the defaults are, they are.
     file.write_text(bare)
     defaults = load_scenario(file)
@@ -281,9 +284,11 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[walking]\nrule = []", "line 4: walking.rule must be one of integrated, entry, not a list"),
         (HELSINKI + "[walking]\nhorizon_minutes = -5", "line 4: walking.horizon_minutes must be a positive number"),
         (HELSINKI + "[walking]\nhorizon_minutes = 1e9", "walking.horizon_minutes makes 200,000,012 slots; at most"),
-        (HELSINKI + "[walking]\nhorizon_minutes = 1e300\nslot_minutes = 1e-300", "line 5: walking.slot_minutes makes inf"),
+        (HELSINKI + "[walking]\nhorizon_minutes = 1e300\nslot_minutes = 1e-300", "line 5: walking.slot_minutes"),
         (HELSINKI + "[walking]\nslot_minutes = 1e-9", "line 4: walking.slot_minutes makes"),
         (HELSINKI + "[walking]\ndepartures_minutes = [9, 3]", "numbers of minutes in order, from 0 on, not 9 and 3"),
+        (HELSINKI + "[counts]\nplaces = 0", "line 4: counts.places must be between 1 and 100, not 0"),
+        (HELSINKI + "[counts]\nplaces = 2\n[sensors]\n'45 Queen Street' = [60.17, 24.94]", "places must be 1"),
         (HELSINKI + "[walks]\ncount = 0", "line 4: walks.count must be between 1 and 1,000,000, not 0"),
         (HELSINKI + "[walks]\norigins = [1, 1]", "line 4: walks.origins must all be different, but 1 is"),
         (HELSINKI + "[walks]\norigins = [-1]", "origins must be crossings, numbered from 0, not -1"),
@@ -356,7 +361,7 @@ def somewhere():
     """Helsinki with three origins and two destinations, one of them an origin too."""
     helsinki = BUILT_IN["helsinki"]
     venue = dataclasses.replace(
-        helsinki.venue, sensors=helsinki.venue.sensors[:2], origins=(5, 17, 200), destinations=(17, 300)
+        helsinki.venue, places=1, sensors=helsinki.venue.sensors[:2], origins=(5, 17, 200), destinations=(17, 300)
     )
     scenario = dataclasses.replace(helsinki, venue=venue, horizon=1800.0, departures=(0.0, 0.0))
     return scenario, draw_map(scenario, 0)
@@ -407,6 +412,13 @@ def test_the_only_origin_is_nobodys_destination(somewhere) -> None:
     assert 17 not in anywhere_to_anywhere(lone, nodes - 1, 0)
 
 
+def test_a_comparison_walks_between_the_venues_places(somewhere) -> None:
+    scenario, _ = somewhere
+    walked = walk_map(scenario, {"shortest-path": BASELINES["shortest-path"]}, 5, 0, None, 0)["shortest-path"]
+    assert walked.minutes.shape == (5,)
+    assert (walked.minutes > 0).all()
+
+
 def test_places_are_taken_to_the_nearest_crossing() -> None:
     town = load_helsinki()
     longitude, latitude = town.place[321].tolist()
@@ -453,7 +465,7 @@ def test_scenarios_come_back_from_json(name: str) -> None:
     one = BUILT_IN[name]
     if one.venue is not None:
         sensors = (Sensor("a", (1.0, 2.0)), Sensor("b"))
-        one = changed(one, venue=dataclasses.replace(one.venue, sensors=sensors, origins=(3, (60.0, 25.0))))
+        one = changed(one, venue=dataclasses.replace(one.venue, sensors=sensors, places=1, origins=(3, (60.0, 25.0))))
     assert checkpoint._revived(type(one), json.loads(json.dumps(dataclasses.asdict(one)))) == one
 
 

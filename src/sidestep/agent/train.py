@@ -13,7 +13,7 @@ import optax
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.agent import replay as memory
-from sidestep.agent.config import TrainConfig
+from sidestep.agent.config import TrainConfig, TrainConfigError
 from sidestep.agent.qnetwork import DuelingQNetwork, QTable, dueling_network
 from sidestep.agent.replay import Replay
 from sidestep.agent.segments import SegmentQNetwork, segment_network
@@ -157,7 +157,18 @@ class Problem(eqx.Module):
 
 
 def learned_place(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> CrowdedMap:
-    """A map at the hours at which training walkers set out for each of their goals."""
+    """A map at the hours at which training walkers set out for each of their goals.
+
+    Raises
+    ------
+    TrainConfigError
+        Fresh crowds that would begin at the hours of other goals than those whose crowds they replace.
+    """
+    if scenario.venue is not None and config.fresh_crowds % config.goals:
+        raise TrainConfigError(
+            f"each goal has hours of its own, so goals must divide the {config.fresh_crowds} fresh crowds, "
+            f"and {config.goals} will not do"
+        )
     return set_out(scenario, place, goals_of(place, config.goals))
 
 

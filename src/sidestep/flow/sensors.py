@@ -1,8 +1,9 @@
 """Crowds of a real place: what its sensors usually count, how today differs, and how both spread along the streets.
 
 Each sensor has a usual level for every hour of the week and an AR(1) of how the logarithm of its count differs from it
-(:mod:`sidestep.flow.profile`); the sensors' innovations go together as they were counted to. Counts are hourly: in
-between, logarithms are linear from one middle of an hour to the next.
+Each sensor has a usual level for every hour of the week and an AR(1) of how the logarithm of its count differs from
+it The sensors' innovations go together as they were counted to. Counts are hourly: in between, logarithms are linear from
+one middle of an hour to the next.
 """
 
 import math
@@ -22,6 +23,9 @@ from sidestep.network.spread import Spread
 
 HOUR = 3600.0
 MOST_MEMORY = 0.99  # of the residuals from hour to hour; one that never fades has no stationary deviation
+LEAST_DEVIATION = 0.01  # of a logarithm
+WILDEST = 4.0  # deviations
+_NORMAL_QUARTILES = 1.349  # between the quartiles of a standard normal number
 FEWEST_HOURS = 4 * HOURS_OF_WEEK  # counted hours to fit to
 
 
@@ -29,16 +33,17 @@ class SensorModel(eqx.Module):
     """What sensors usually count, and how that varies."""
 
     usual: Float[Array, "168 sensor"]  # mean of log(1 + persons/h) in each hour of the week, from Monday 0:00 on
-    memory: Float[Array, " sensor"]  # of the residual, from hour to hour
-    deviation: Float[Array, " sensor"]  # standard deviation of the residual
+    deviation: Float[Array, "24 sensor"]  # of the residual, in each hour of the day
+    memory: Float[Array, " sensor"]  # of the residual in units of its deviation, from hour to hour
     together: Float[Array, "sensor sensor"]  # lower Cholesky factor of the innovations' correlations
 
 
 def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> SensorModel:
     """Fit usual weeks and residuals to hourly counts; by default of all sensors of the table.
 
-    Memory is the lag-one autocorrelation of the residuals; correlations are those of the innovations in hours that both
-    sensors counted.
+    Deviations are 0.74 times the distance of the quartiles, which holidays and broken sensors hardly change; for the
+    same reason residuals count as ``WILDEST`` deviations at most. Memory is their lag-one autocorrelation; correlations
+    are those of the innovations in hours that both sensors counted.
 
     Raises
     ------
@@ -60,7 +65,9 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
             raise SeriesError(f"{table.source}: sensor {name!r} has no count in some hours of the week")
     usual = np.stack([np.nanmean(logs[hours == hour], axis=0) for hour in range(HOURS_OF_WEEK)])
     residual = logs - usual[hours]
-    deviation = np.nanstd(residual, axis=0)
+    quartiles = [np.nanquantile(residual[hours % 24 == hour], (0.25, 0.75), axis=0) for hour in range(24)]
+    deviation = np.maximum(np.diff(quartiles, axis=1)[:, 0] / _NORMAL_QUARTILES, LEAST_DEVIATION)
+    residual = np.clip(residual / deviation[hours % 24], -WILDEST, WILDEST)
     before, after = residual[:-1], residual[1:]
     paired = np.isfinite(before) & np.isfinite(after)
     products = np.where(paired, before * after, 0.0).sum(axis=0)
@@ -70,7 +77,7 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     squares = (innovation**2).T @ paired  # of each sensor over the hours that each other counted
     correlation = innovation.T @ innovation / np.sqrt(np.maximum(squares * squares.T, 1e-24))
     np.fill_diagonal(correlation, 1.0)
-    return SensorModel(*(jnp.asarray(part, jnp.float32) for part in (usual, memory, deviation, _cholesky(correlation))))
+    return SensorModel(*(jnp.asarray(part, jnp.float32) for part in (usual, deviation, memory, _cholesky(correlation))))
 
 
 def _cholesky(correlation: Float[np.ndarray, "sensor sensor"]) -> Float[np.ndarray, "sensor sensor"]:
@@ -126,30 +133,35 @@ class SensorFlow(eqx.Module):
 
     def expected(self, slots: int) -> SensedField:
         """Mean densities, for each of the starts."""
-        level = jax.vmap(lambda start: self._usual(start, jnp.arange(slots)))(self.start)
-        return self._field(level + self.model.deviation**2 / 2)
+
+        def one(start: Float[Array, ""]) -> Float[Array, "slot sensor"]:
+            usual, deviation = self._usual(start, jnp.arange(slots))
+            return usual + deviation**2 / 2
+
+        return self._field(jax.vmap(one)(self.start))
 
     def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> SensedField:
         """Possible futures, or recorded ones."""
         starts = self.start[jnp.arange(crowds) % self.start.shape[0]]
         hours = math.ceil(slots * self.slot_seconds / HOUR) + 2
-        knots = self._simulated(key, crowds, hours) if self.record is None else self._recorded(key, starts, hours)
+        drawn = self._simulated(key, crowds, hours) if self.record is None else self._recorded(key, starts, hours)
 
         def one(start: Float[Array, ""], knots: Float[Array, "hour sensor"]) -> Float[Array, "slot sensor"]:
             _, hour, part = self._hours(start, jnp.arange(slots))
-            return self._usual(start, jnp.arange(slots)) + _between(knots, hour, part)
+            usual, deviation = self._usual(start, jnp.arange(slots))
+            residual = (1 - part)[:, None] * knots[hour] + part[:, None] * knots[hour + 1]
+            return usual + residual * (deviation if self.record is None else 1.0)
 
-        return self._field(jax.vmap(one)(starts, knots))
+        return self._field(jax.vmap(one)(starts, drawn))
 
     def ahead(
         self, now: Float[Array, " sensor"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0
     ) -> Float[Array, "slots sensor"]:
         """Mean densities of this and the next slots, given those of this one: the AR(1) fades to the usual."""
-        usual = self._usual(self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots))
-        surprise = jnp.log1p(now / self.per_count) - usual[0]
+        usual, deviation = self._usual(self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots))
+        surprise = (jnp.log1p(now / self.per_count) - usual[0]) / deviation[0]
         fading = self.model.memory ** (jnp.arange(slots)[:, None] * (self.slot_seconds / HOUR))
-        spread = self.model.deviation**2 * (1 - fading**2) / 2
-        return self._density(usual + fading * surprise + spread)
+        return self._density(usual + fading * surprise * deviation + deviation**2 * (1 - fading**2) / 2)
 
     def _hours(
         self, start: Float[Array, ""], slot: Int[Array, " slots"]
@@ -160,17 +172,22 @@ class SensorFlow(eqx.Module):
         hour = jnp.floor(middle - first)
         return first.astype(jnp.int32), hour.astype(jnp.int32), middle - first - hour
 
-    def _usual(self, start: Float[Array, ""], slot: Int[Array, " slots"]) -> Float[Array, "slots sensor"]:
+    def _usual(
+        self, start: Float[Array, ""], slot: Int[Array, " slots"]
+    ) -> tuple[Float[Array, "slots sensor"], Float[Array, "slots sensor"]]:
+        """Usual logarithms of counts, and the deviations from them."""
         first, hour, part = self._hours(start, slot)
-        weeks = self.model.usual
-        return (1 - part)[:, None] * weeks[(first + hour) % HOURS_OF_WEEK] + part[:, None] * weeks[
-            (first + hour + 1) % HOURS_OF_WEEK
-        ]
+
+        def at(table: Float[Array, "hours sensor"]) -> Float[Array, "slots sensor"]:
+            before, after = table[(first + hour) % len(table)], table[(first + hour + 1) % len(table)]
+            return (1 - part)[:, None] * before + part[:, None] * after
+
+        return at(self.model.usual), at(self.model.deviation)
 
     def _simulated(self, key: Key[Array, ""], crowds: int, hours: int) -> Float[Array, "crowd hour sensor"]:
+        """Residuals in units of their deviations."""
         memory = self.model.memory
-        independent = jax.random.normal(key, (hours, crowds, memory.shape[0]))
-        innovations = independent @ self.model.together.T * self.model.deviation
+        innovations = jax.random.normal(key, (hours, crowds, memory.shape[0])) @ self.model.together.T
         fresh = jnp.sqrt(1 - memory**2)
 
         def later(residual: Array, innovation: Array) -> tuple[Array, Array]:
@@ -183,6 +200,7 @@ class SensorFlow(eqx.Module):
     def _recorded(
         self, key: Key[Array, ""], starts: Float[Array, " crowd"], hours: int
     ) -> Float[Array, "crowd hour sensor"]:
+        """Residuals as they were counted."""
         if self.record is None:
             raise ValueError("nothing was recorded")
         weeks, _, sensors = self.record.shape
@@ -197,9 +215,3 @@ class SensorFlow(eqx.Module):
 
     def _field(self, level: Float[Array, "crowd slot sensor"]) -> SensedField:
         return SensedField(self._density(level), self.spread, self.slot_seconds)
-
-
-def _between(
-    knots: Float[Array, "hour sensor"], hour: Int[Array, " slot"], part: Float[Array, " slot"]
-) -> Float[Array, "slot sensor"]:
-    return (1 - part)[:, None] * knots[hour] + part[:, None] * knots[hour + 1]

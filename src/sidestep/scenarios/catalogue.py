@@ -63,6 +63,7 @@ class Venue:
     counts: str = "auckland"  # the counts that come with the package, or a file
     sensors: tuple[Sensor, ...] = ()  # by default all that were counted, without places
     pairing: int = 0  # seed that pairs sensors without a place with streets
+    places: int = 1  # streets that each sensor without a place is paired with, each with weeks of its own
     crowding: float = 1.0  # demand over that which was counted
     reach: float = 150.0  # m along the streets in which the crowd at a sensor falls to 1/e
     days: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6)  # on which people walk; 0 is Monday
@@ -83,6 +84,10 @@ class Venue:
             raise ScenarioError(f"hours must be two of 0 to 24 in order, not {first} and {last}")
         if self.pairing < 0:
             raise ScenarioError(f"pairing must be a seed of 0 or more, not {self.pairing}")
+        if self.places < 1 or (self.places > 1 and any(sensor.place for sensor in self.sensors)):
+            raise ScenarioError(
+                f"places must be 1 where sensors have places of their own, and never less, not {self.places}"
+            )
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
             raise ScenarioError(f"a sensor stands in the list twice: {max(names, key=names.count)!r}")
@@ -160,6 +165,7 @@ class Scenario:
         if not (0 < mean < math.inf and 0 <= deviation < math.inf):
             raise ScenarioError(f"crowded_volume must be a positive mean and a deviation, not {mean} and {deviation}")
         self._check_walks()
+        self._check_venue()
         for name in ("slot_seconds", "horizon"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ScenarioError(f"{name} must be a positive number of seconds, not {getattr(self, name)}")
@@ -172,6 +178,12 @@ class Scenario:
             raise ScenarioError("numbers of maps and walks and sides of larger maps must be positive")
         if self.larger and not self.training_maps:
             raise ScenarioError("maps of several sizes need maps of one size to train on: training_maps")
+
+    def _check_venue(self) -> None:
+        if self.venue is not None and self.law == "power":
+            raise ScenarioError(
+                "the law power has no speed where nobody walks, as in parts of a venue; power-capped has one"
+            )
 
     @property
     def origin(self) -> int:
@@ -257,7 +269,7 @@ BUILT_IN = {
         Scenario(
             "helsinki",
             "central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
-            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=100.0)},
+            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=100.0, reach=80.0, places=4)},
         ),
     )
 }

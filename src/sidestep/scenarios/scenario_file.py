@@ -82,7 +82,7 @@ def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario file, and make sure that its streets, counts, sensors and places are there.
 
     Fields that the file leaves out are as in the built-in scenario ``helsinki``, but without an event
-    (``crowding`` is 1). Files that it names are looked for from its own folder.
+    (``crowding`` is 1, ``places`` is 1, ``reach`` is 150). Files that it names are looked for from its own folder.
 
     Raises
     ------
@@ -300,6 +300,12 @@ def _count(value: object) -> int:
     return _whole(value)
 
 
+def _few(value: object) -> int:
+    if not 1 <= _whole(value) <= 100:
+        raise _WrongError(f"must be between 1 and 100, not {_said(value)}")
+    return _whole(value)
+
+
 def _seed(value: object) -> int:
     if not 0 <= _whole(value) < 2**63:
         raise _WrongError(f"must be a seed of 0 or more, not {_said(value)}")
@@ -416,6 +422,7 @@ _FIELDS: dict[str, dict[str, _Field]] = {
         "fitted": _Field("venue", "fitted", _period),
         "tested": _Field("venue", "tested", _period),
         "pairing": _Field("venue", "pairing", _seed),
+        "places": _Field("venue", "places", _few),
     },
     "sensors": {},
     "demand": {

@@ -78,6 +78,9 @@ fitted = [2024-01-01, 2025-01-01]
 tested = [2025-03-10, 2025-06-01]
 # Seed of 0 or more that draws a street for each sensor that is "paired". 0 by default.
 pairing = 0
+# Streets that each "paired" sensor stands on, each with weeks of its own. 1 by default,
+# and wherever sensors have places.
+places = 4
 
 [sensors]
 # Where the sensors stand: "name, as in the counts" = [latitude, longitude], in degrees, at most 250 m from a street.
@@ -90,7 +93,7 @@ SENSORS
 # fewer people on them, than the sensors' own.
 crowding = 100
 # Metres of walking in which the crowd at a sensor falls to 37 % (1/e). 150 by default.
-reach = 150
+reach = 80
 # Days on which people walk: names in a list, ["Mon", "Sat"], or a span. "Mon-Sun" by default.
 days = "Mon-Sun"
 # Hours of the day between which they set out, 0 to 24. [10, 20] by default.

@@ -6,12 +6,12 @@ from pathlib import Path
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Array, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
-from sidestep.flow.sensors import SensorFlow, fit_sensors, recorded_weeks
+from sidestep.flow.sensors import SensorFlow, SensorModel, fit_sensors, recorded_weeks
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.io import load_helsinki, load_town
 from sidestep.network.snap import Snapper
@@ -64,6 +64,8 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
     sensors = venue.sensors or tuple(map(Sensor, table.sensors))
     names = [sensor.name for sensor in sensors]
     model = fit_sensors(table.between(*venue.fitted), names)
+    record = recorded_weeks(model, table.between(*venue.tested), names)
+    model, record, sensors = in_several_places(model, record, sensors, venue.places)
     segment = stations(town, network, sensors, venue.pairing)
     width = np.asarray(network.width)[segment]
     # Whoever passes in an hour is in sight of a metre of street for 1 / FREE_SPEED seconds.
@@ -71,9 +73,26 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
     spread = spread_along(network, segment, venue.reach)
     start = jnp.asarray(venue.starts(1), jnp.float32)
     flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds)
-    record = recorded_weeks(model, table.between(*venue.tested), names)
     recorded = eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)
     return TownCrowds(network, flow, recorded, origins, ends)
+
+
+def in_several_places(
+    model: SensorModel, record: Float[np.ndarray, "week 168 sensor"], sensors: tuple[Sensor, ...], places: int
+) -> tuple[SensorModel, Float[np.ndarray, "week 168 stand"], tuple[Sensor, ...]]:
+    """Sensors that stand in several places each, with innovations and recorded weeks of their own in each of them."""
+
+    def again(table: Float[Array, "*lead sensor"]) -> Float[Array, "*lead stand"]:
+        return jnp.concatenate([table] * places, axis=-1)
+
+    together = jnp.kron(jnp.eye(places), model.together)
+    several = SensorModel(again(model.usual), again(model.deviation), again(model.memory), together)
+    weeks = len(record)
+    return (
+        several,
+        np.concatenate([np.roll(record, -(copy * weeks // places), axis=0) for copy in range(places)], axis=-1),
+        sensors * places,
+    )
 
 
 def _none(leaf: object) -> bool:
