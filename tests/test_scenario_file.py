@@ -288,7 +288,7 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[walking]\nslot_minutes = 1e-9", "line 4: walking.slot_minutes makes"),
         (HELSINKI + "[walking]\ndepartures_minutes = [9, 3]", "numbers of minutes in order, from 0 on, not 9 and 3"),
         (HELSINKI + "[counts]\nplaces = 0", "line 4: counts.places must be between 1 and 100, not 0"),
-        (HELSINKI + "[counts]\nplaces = 2\n[sensors]\n'45 Queen Street' = [60.17, 24.94]", "places must be 1"),
+        (HELSINKI + "[counts]\nplaces = 2\n[sensors]\n'45 Queen Street' = [60.17, 24.94]", "counts.places must be 1"),
         (HELSINKI + "[walks]\ncount = 0", "line 4: walks.count must be between 1 and 1,000,000, not 0"),
         (HELSINKI + "[walks]\norigins = [1, 1]", "line 4: walks.origins must all be different, but 1 is"),
         (HELSINKI + "[walks]\norigins = [-1]", "origins must be crossings, numbered from 0, not -1"),

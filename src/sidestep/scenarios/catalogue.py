@@ -84,10 +84,6 @@ class Venue:
             raise ScenarioError(f"hours must be two of 0 to 24 in order, not {first} and {last}")
         if self.pairing < 0:
             raise ScenarioError(f"pairing must be a seed of 0 or more, not {self.pairing}")
-        if self.places < 1 or (self.places > 1 and any(sensor.place for sensor in self.sensors)):
-            raise ScenarioError(
-                f"places must be 1 where sensors have places of their own, and never less, not {self.places}"
-            )
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
             raise ScenarioError(f"a sensor stands in the list twice: {max(names, key=names.count)!r}")

@@ -159,6 +159,8 @@ class _Reader:
         if slots > MOST_SLOTS:
             keys = ("walking", "slot_minutes" if ("walking", "slot_minutes") in given else "horizon_minutes")
             raise self._error(keys, f"{'.'.join(keys)} makes {slots:,.0f} slots; at most {MOST_SLOTS:,} will do")
+        if venue.places > 1 and any(sensor.place for sensor in venue.sensors):
+            raise self._error(("counts", "places"), "counts.places must be 1 where sensors have places of their own")
         if venue.counts == COUNTS and not venue.sensors and _DEFAULTS.venue:
             venue = replace(venue, sensors=_DEFAULTS.venue.sensors)
         self._check_place(venue, given)
