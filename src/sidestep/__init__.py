@@ -19,6 +19,7 @@ _HOME = {
     "draw_training_map": "scenarios.maps",
     "foresee": "evaluation.foresight",
     "load_model": "agent.checkpoint",
+    "load_scenario": "scenarios.scenario_file",
     "preset": "agent.config",
     "trained_darp": "planners.darp",
     "draw_map": "scenarios.maps",

@@ -4,7 +4,7 @@ import json
 import math
 import os
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -65,19 +65,38 @@ Models = Annotated[
     Parameter(name="--model", negative=(), help="Folder of a trained model; may be given several times."),
 ]
 By = Annotated[float | None, Parameter(name="--by", help="Minutes: how likely is it to arrive within them?")]
-FlowsOption = Annotated[
-    Literal["arima", "forecast"] | None,
-    Parameter(name="--flows", help="Crowds with the model's noise, or its forecast."),
-]
-RuleOption = Annotated[
-    Literal["integrated", "entry"] | None,
-    Parameter(name="--rule", help="Crossing times through all slots, or by the density at entry (the paper)."),
-]
-LawOption = Annotated[
-    Literal["power", "power-capped", "weidmann"] | None, Parameter(name="--law", help="Walking speed by density.")
-]
-Side = Annotated[int | None, Whole(name="--side", help="Nodes along one side of the grid.")]
-Crowded = Annotated[int | None, Whole(name="--crowded-nodes", help="Nodes whose streets begin crowded.")]
+ScenarioOption = Annotated[str, Parameter(help="Name of a scenario, such as rush-16, or a scenario file.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Changes:
+    """What may be changed of a scenario; None leaves it as it is."""
+
+    flows: Annotated[
+        Literal["arima", "forecast"] | None,
+        Parameter(name="--flows", help="Crowds with the model's noise, or its forecast."),
+    ] = None
+    rule: Annotated[
+        Literal["integrated", "entry"] | None,
+        Parameter(name="--rule", help="Crossing times through all slots, or by the density at entry (the paper)."),
+    ] = None
+    law: Annotated[
+        Literal["power", "power-capped", "weidmann"] | None, Parameter(name="--law", help="Walking speed by density.")
+    ] = None
+    side: Annotated[int | None, Whole(name="--side", help="Nodes along one side of the grid.")] = None
+    crowded_nodes: Annotated[
+        int | None, Whole(name="--crowded-nodes", help="Nodes whose streets begin crowded, on grids.")
+    ] = None
+    crowding: Annotated[
+        float | None,
+        Parameter(
+            name="--crowding", help="Demand over that which was counted, instead of the scenario's; real places."
+        ),
+    ] = None
+
+
+UNCHANGED = Changes()
 
 
 @app.command
@@ -140,7 +159,7 @@ def reproduce(
 
 @app.command
 def train(
-    scenario: Annotated[str, Parameter(help="Name of a scenario, such as rush-16.")],
+    scenario: ScenarioOption,
     /,
     *,
     level: LevelOption = None,
@@ -158,11 +177,7 @@ def train(
     potential: Annotated[
         bool | None, Parameter(help="Correct the level's own estimate of the time to go, or learn all from nothing.")
     ] = None,
-    flows: FlowsOption = None,
-    rule: RuleOption = None,
-    law: LawOption = None,
-    side: Side = None,
-    crowded_nodes: Crowded = None,
+    changes: Changes = UNCHANGED,
     out: Annotated[Path | None, Parameter(help="Folder for the model, saved every few seconds.")] = None,
     resume: Annotated[bool, Parameter(negative=(), help="Go on with the model in --out.")] = False,
     seed: Seed = 0,
@@ -179,9 +194,9 @@ def train(
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
     from sidestep.scenarios.maps import draw_training_map
-    from sidestep.scenarios.worlds import destinations as heads_for
+    from sidestep.scenarios.worlds import goals_of
 
-    problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
+    problem = _scenario(scenario, changes)
     config = changed(
         preset_for(problem, preset, level),
         rounds=rounds, goals=destinations, gamma=gamma, n_step=n_step, alpha=alpha, double=double, dueling=dueling,
@@ -198,7 +213,7 @@ def train(
             )
         state, curve = run.state, list(run.curve)
     place = draw_training_map(problem, seed, index)
-    heads_for(place.parts, config.goals)
+    goals_of(place, config.goals)
     if out is not None:
         output_folder(out)
     began, before, saved, first = perf_counter(), len(curve), -math.inf, math.inf
@@ -247,7 +262,7 @@ def train(
 
 @app.command
 def compare(
-    scenario: Annotated[str, Parameter(help="Name of a scenario, such as rush-16.")],
+    scenario: ScenarioOption,
     /,
     *,
     planners: Annotated[
@@ -263,11 +278,7 @@ def compare(
     ] = None,
     by: By = None,
     against: Annotated[str, Parameter(help="Whom the others' minutes are set against, walk by walk.")] = "expected",
-    flows: FlowsOption = None,
-    rule: RuleOption = None,
-    law: LawOption = None,
-    side: Side = None,
-    crowded_nodes: Crowded = None,
+    changes: Changes = UNCHANGED,
     seed: Seed = 0,
     workers: Workers = None,
     as_json: Json = False,
@@ -282,7 +293,7 @@ def compare(
     from sidestep.planners.darp import load_planners, trainable
     from sidestep.scenarios.maps import draw_map
 
-    problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
+    problem = _scenario(scenario, changes)
     numbers = list(range(_at_least("maps", problem.maps if maps is None else maps, 1)))
     count = _at_least("walks", problem.walks if walks is None else walks, 1)
     if model:
@@ -323,7 +334,7 @@ def compare(
 
 @app.command
 def route(
-    scenario: Annotated[str, Parameter(help="Name of a scenario, such as rush-16.")],
+    scenario: ScenarioOption,
     /,
     *,
     origin: Annotated[int | None, Whole(name="--from", help="Node; by default the scenario's.")] = None,
@@ -334,11 +345,7 @@ def route(
     by: By = None,
     futures: Annotated[int, Whole(help="Simulated futures.")] = 200,
     index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
-    flows: FlowsOption = None,
-    rule: RuleOption = None,
-    law: LawOption = None,
-    side: Side = None,
-    crowded_nodes: Crowded = None,
+    changes: Changes = UNCHANGED,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -355,7 +362,7 @@ def route(
     from sidestep.planners.darp import load_planners
     from sidestep.scenarios.maps import draw_map
 
-    problem = _scenario(scenario, flows=flows, rule=rule, law=law, side=side, crowded_nodes=crowded_nodes)
+    problem = _scenario(scenario, changes)
     place = draw_map(problem, seed, index)
     end = place.network.nodes - 1 if destination is None else destination
     every = {**BASELINES, **REPLANNING}
@@ -480,6 +487,23 @@ def import_osm(
     print(f"Streets: {out} ({town.attribution})")
 
 
+@app.command
+def new(
+    name: Annotated[str, Parameter(help="Name of the scenario, and of the folder to make for it here.")],
+    /,
+    *,
+    as_json: Json = False,
+) -> None:
+    """Write a commented scenario file to start from; it runs as it is."""
+    from sidestep.scenarios.template import new_scenario
+
+    file = new_scenario(Path(), name)
+    if as_json:
+        print(json.dumps({"scenario": str(file)}, indent=2))
+        return
+    print(f"{file}: try `sidestep compare {file} --walks 50 --planners shortest-path`, then make it yours")
+
+
 def main() -> None:
     """Run the command line: 2 on bad input, 130 on Ctrl-C, one sentence for each."""
     try:
@@ -517,10 +541,10 @@ def _start_jax() -> None:
         jax.config.update(name, value)  # type: ignore[no-untyped-call]
 
 
-def _scenario(name: str, **changes: object) -> "Scenario":
-    from sidestep.scenarios.catalogue import scenario
+def _scenario(name: str, changes: Changes) -> "Scenario":
+    from sidestep.scenarios.scenario_file import find_scenario
 
-    return scenario(name, **{field: value for field, value in changes.items() if value is not None})
+    return find_scenario(name, **{field: value for field, value in asdict(changes).items() if value is not None})
 
 
 def _at_least(name: str, value: int, least: int) -> int:

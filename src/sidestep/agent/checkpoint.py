@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import equinox as eqx
 import jax
@@ -14,11 +15,10 @@ import numpy as np
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.train import QNetwork, TrainState, fresh_network, learned_place, prepare, shown
-from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
 from sidestep.network.graph import RoadNetwork, road_network
-from sidestep.scenarios.catalogue import RushHours, Scenario, Sensor, Venue
+from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import draw_training_map, fingerprint
 
 FORMAT = 2
@@ -143,10 +143,10 @@ def _read(folder: Path, name: str, template: Callable[[Training], Tree]) -> tupl
             raise CheckpointError(f"{path} has model format {version}; this version reads format {FORMAT}")
         try:
             training = Training(
-                scenario=_scenario(header["scenario"]),
+                scenario=_revived(Scenario, header["scenario"]),
                 seed=int(header["seed"]),
                 index=int(header["index"]),
-                config=_config(header["config"]),
+                config=_revived(TrainConfig, header["config"]),
                 curve=tuple(tuple(map(float, walks)) for walks in header["curve"]),
             )
             tree = eqx.tree_deserialise_leaves(file, template(training))
@@ -170,20 +170,18 @@ def _keyed(state: TrainState) -> TrainState:
     return eqx.tree_at(lambda s: s.key, state, jax.random.wrap_key_data(state.key))
 
 
-def _scenario(fields: dict[str, Any]) -> Scenario:
-    reward, rush = RewardWeights(**fields.pop("reward")), fields.pop("rush")
-    rush = rush and RushHours(**_tuples(rush))
-    venue = fields.pop("venue", None)
-    if venue is not None:
-        sensors = tuple(Sensor(**_tuples(sensor)) for sensor in venue.pop("sensors"))
-        venue = Venue(**_tuples(venue), sensors=sensors)
-    return Scenario(**_tuples(fields), reward=reward, rush=rush, venue=venue)
+def _revived(kind: Any, value: Any) -> Any:
+    """What JSON made of a dataclass of a ``kind``, or of one of its values, as it was.
 
-
-def _config(fields: dict[str, object]) -> TrainConfig:
-    return TrainConfig(**_tuples(fields))
-
-
-def _tuples(fields: dict[str, Any]) -> dict[str, Any]:
-    """JSON's lists as the tuples that they were."""
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    Dataclasses come back as objects and tuples as lists, however deep one is in the other.
+    """
+    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if isinstance(value, dict):
+        (made,) = (one for one in kinds if dataclasses.is_dataclass(one))
+        hints = get_type_hints(made)
+        return made(**{name: _revived(hints.get(name, object), item) for name, item in value.items()})  # type: ignore[operator]
+    if isinstance(value, list):
+        (row,) = (get_args(one) for one in kinds if get_origin(one) is tuple)
+        items = row[:1] * len(value) if row[1:] == (...,) else row
+        return tuple(_revived(item_kind, item) for item_kind, item in zip(items, value, strict=True))
+    return value

@@ -168,7 +168,12 @@ def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> T
     """The preset that fits a scenario's maps, at its own level unless another is given."""
     several = bool(scenario.training_maps) or scenario.venue is not None
     config = preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
-    return config if scenario.venue is None else replace(config, goals=32, crowds=64, fresh_crowds=32, test_walks=32)
+    if scenario.venue is None:
+        return config
+    # Crowds are for goals in turn, old ones and those that replace them alike, so their numbers are multiples of it.
+    goals = min(32, len(scenario.venue.destinations) or 32)
+    fresh = 32 // goals * goals
+    return replace(config, goals=goals, crowds=2 * fresh, fresh_crowds=fresh, test_walks=32)
 
 
 # Each of a gradient step's 64 transitions, the latest of each walker, changes its number by 1/64 of its error: where

@@ -27,7 +27,7 @@ from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import CrowdedMap, draw_training_map, purpose_key
 from sidestep.scenarios.worlds import (
-    destinations,
+    goals_of,
     instances,
     make_environment,
     new_crowds,
@@ -101,7 +101,7 @@ def train(
 
     The state that was yielded is used up by the next round: copy what is to be kept.
     """
-    goals, place = destinations(place.parts, config.goals), learned_place(config, scenario, place)
+    goals, place = goals_of(place, config.goals), learned_place(config, scenario, place)
     with ThreadPoolExecutor(1) as pool:
         # The round takes seconds to compile the first time; crowds are drawn meanwhile.
         compiling = pool.submit(_compiled_round, config, scenario)
@@ -169,12 +169,12 @@ def learned_place(config: TrainConfig, scenario: Scenario, place: CrowdedMap) ->
             f"each goal has hours of its own, so goals must divide the {config.fresh_crowds} fresh crowds, "
             f"and {config.goals} will not do"
         )
-    return set_out(scenario, place, destinations(place.parts, config.goals))
+    return set_out(scenario, place, goals_of(place, config.goals))
 
 
 def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple[Problem, TrainState]:
     """Crowds, walks and an untrained state for one map; ``jax.eval_shape`` gives their shapes without the work."""
-    goals = destinations(place.parts, config.goals)
+    goals = goals_of(place, config.goals)
     params = make_environment(
         scenario, place, "learn", config.crowds + config.test_walks, level=config.level, goals=goals
     )

@@ -124,7 +124,7 @@ def compare(
     """Compare planners on the maps of these numbers, with ``walks`` walks on each.
 
     Walks go from corner to corner, or from anywhere to so many ``destinations`` in turn (those of
-    :func:`sidestep.scenarios.worlds.destinations`). Maps are independent and run on ``workers`` threads, which share
+    :func:`sidestep.scenarios.worlds.goals_of`). Maps are independent and run on ``workers`` threads, which share
     one compiled program. Results do not depend on their number. ``on_map`` is called as each map is done.
     """
     if not maps or walks < 1 or workers < 1:
@@ -181,7 +181,7 @@ def walk_map(
     parts = math.ceil(walks / (min(TOWN_CHUNK, place.network.nodes - 1) if pairs else CHUNK))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
-        goals = None if destinations is None else worlds.destinations(place.parts, destinations)
+        goals = None if destinations is None else worlds.goals_of(place, destinations)
         if pairs:
             goals = worlds.anywhere_to_anywhere(place, size, part)
         here = place if goals is None else worlds.set_out(scenario, place, goals, part * size)

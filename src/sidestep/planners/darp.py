@@ -18,7 +18,7 @@ from sidestep.errors import SidestepError
 from sidestep.planners.base import DecideByPlan, Plan
 from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map, fingerprint
-from sidestep.scenarios.worlds import destinations
+from sidestep.scenarios.worlds import goals_of
 
 
 class ModelError(SidestepError):
@@ -90,7 +90,7 @@ class Learned:
 
     def check_destinations(self, place: CrowdedMap, goals: int) -> None:
         """Refuse more destinations than were learned."""
-        for node in destinations(place.parts, goals).ravel().tolist():
+        for node in goals_of(place, goals).ravel().tolist():
             self.check_destination(node)
 
 
@@ -112,7 +112,7 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
             place = draw_map(scenario, seed, model.index)
             _check_place(folder, model, place)
             bound.add(model.index)
-            ends.append(frozenset(destinations(place.parts, model.config.goals).ravel().tolist()))
+            ends.append(frozenset(goals_of(place, model.config.goals).ravel().tolist()))
     if len(bound) > 1:
         raise ModelError(f"the models remember the places of different maps, numbers {sorted(bound)}")
     names = {folder: Darp.name if len(models) == 1 else f"{Darp.name}-{folder.name}" for folder in models}

@@ -51,6 +51,10 @@ class Sensor:
     place: tuple[float, float] | None = None  # latitude and longitude in degrees; None pairs it with some street
 
 
+Place = int | tuple[float, float]
+"""A crossing: its number, or latitude and longitude in degrees of a place near it."""
+
+
 @dataclass(frozen=True)
 class Venue:
     """A real place: streets from a map, crowds from counts (:class:`sidestep.flow.sensors.SensorFlow`)."""
@@ -68,6 +72,8 @@ class Venue:
     fitted: tuple[str, str] = TRAIN  # first day or hour that crowds are fitted to, and the one past the last
     tested: tuple[str, str] = TEST  # the same of the weeks that walks are tested in
     noise: tuple[float, float] = (0.9, 0.0)  # of a table's crowds: memory from slot to slot, deviation of the logarithm
+    origins: tuple[Place, ...] = ()  # where walks begin; by default at any crossing
+    destinations: tuple[Place, ...] = ()  # where they end
 
     def __post_init__(self) -> None:
         self._check_source()
@@ -86,6 +92,8 @@ class Venue:
         names = [sensor.name for sensor in self.sensors]
         if len(set(names)) < len(names):
             raise ScenarioError(f"a sensor stands in the list twice: {max(names, key=names.count)!r}")
+        for name in ("origins", "destinations"):
+            _check_places(name, getattr(self, name))
 
     def _check_source(self) -> None:
         memory, deviation = self.noise
@@ -106,6 +114,19 @@ class Venue:
         """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out."""
         every = [24.0 * day + hour for day in sorted(set(self.days)) for hour in range(*self.hours)]
         return [every[int(len(every) * (turn * GOLDEN % 1))] for turn in range(first, first + number)]
+
+
+def _check_places(name: str, places: tuple[Place, ...]) -> None:
+    for place in places:
+        if isinstance(place, int):
+            if place < 0:
+                raise ScenarioError(f"{name} must be crossings, numbered from 0, not {place}")
+        elif not (abs(place[0]) <= 90 and abs(place[1]) <= 180):
+            raise ScenarioError(
+                f"{name} must be degrees of latitude (-90 to 90), then of longitude, not {place[0]:g}, {place[1]:g}"
+            )
+    if len(set(places)) < len(places):
+        raise ScenarioError(f"{name} must all be different, but {max(places, key=places.count)} is there twice")
 
 
 GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, less their whole part, spread evenly
@@ -277,12 +298,31 @@ def scenario(name: str, **changes: object) -> Scenario:
     ------
     ScenarioError
         Unknown names and impossible values.
+
+    See Also
+    --------
+    sidestep.scenarios.scenario_file.find_scenario : Takes files as well.
     """
     if name not in BUILT_IN:
         close = difflib.get_close_matches(name, BUILT_IN, n=1)
         hint = f"; did you mean {close[0]}?" if close else f"; there are {', '.join(BUILT_IN)}"
-        raise ScenarioError(f"unknown scenario {name!r}{hint}")
+        raise ScenarioError(f"unknown scenario {name!r}{hint}; or name a file, such as my-town/scenario.toml")
+    return changed(BUILT_IN[name], **changes)
+
+
+def changed(problem: Scenario, **changes: object) -> Scenario:
+    """A scenario with some fields changed; those of grids mean nothing where it has a venue.
+
+    Raises
+    ------
+    ScenarioError
+        Unknown fields and impossible values.
+    """
     unknown = changes.keys() - {known.name for known in fields(Scenario)}
     if unknown:
         raise ScenarioError(f"a scenario has no field {', '.join(sorted(unknown))}")
-    return replace(BUILT_IN[name], **changes)  # type: ignore[arg-type]
+    of_grids = changes.keys() & {"side", "crowded_nodes"}
+    if problem.venue is not None and of_grids:
+        without = " and no ".join(sorted(of_grids))
+        raise ScenarioError(f"{problem.name} is a real place, not a grid: it has no {without}")
+    return replace(problem, **changes)  # type: ignore[arg-type]

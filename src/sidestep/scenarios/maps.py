@@ -35,6 +35,8 @@ class CrowdedMap(eqx.Module):
     key: Key[Array, ""]  # of this map; futures and training fold their purpose into it
     parts: tuple[int, ...] = eqx.field(static=True)
     recorded: FlowModel | None = None  # what walks are tested on, where that was counted and is not simulated
+    origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where walks begin; none: anywhere
+    ends: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where they end; none: anywhere
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
@@ -59,7 +61,15 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
         raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
     if scenario.venue is not None:
         town = town_crowds(scenario.venue, scenario.slot_seconds, scenario.law)
-        return CrowdedMap(town.network, town.flow, _key(seed, index), (town.network.nodes,), town.recorded)
+        return CrowdedMap(
+            town.network,
+            town.flow,
+            _key(seed, index),
+            (town.network.nodes,),
+            town.recorded,
+            town.origins,
+            town.destinations,
+        )
     key = _key(seed, index)
     streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))
     return _crowded_map(scenario, [streets], key)

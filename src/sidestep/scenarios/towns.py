@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import block_diag
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
 from sidestep.flow.sensors import SensorFlow, SensorModel, fit_sensors, recorded_weeks
@@ -18,7 +20,7 @@ from sidestep.network.io import load_helsinki, load_town
 from sidestep.network.snap import Snapper
 from sidestep.network.spread import spread_along
 from sidestep.network.town import Town, TownError
-from sidestep.scenarios.catalogue import Law, ScenarioError, Sensor, Venue
+from sidestep.scenarios.catalogue import Law, Place, ScenarioError, Sensor, Venue
 from sidestep.scenarios.tables import table_flow
 from sidestep.travel_time import FREE_SPEED
 
@@ -28,11 +30,13 @@ STEPS = "steps"
 
 
 class TownCrowds(eqx.Module):
-    """Streets, simulated crowds on them, and those that were counted in the weeks to test on, if they were counted."""
+    """Streets, simulated crowds on them, those that were counted in the weeks to test on, and where people walk."""
 
     network: RoadNetwork
     flow: SensorFlow | TableFlow
     recorded: SensorFlow | None
+    origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes; none: anywhere
+    destinations: tuple[int, ...] = eqx.field(static=True, default=())
 
 
 @lru_cache(maxsize=4)
@@ -55,13 +59,22 @@ def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> Tow
     ------
     SidestepError
         Files that cannot be read, sensors that are not in the counts or stand nowhere near, too few counts, a table
-        that does not fit.
+        that does not fit, origins and destinations that are not in the town or between which there is no way.
     """
     town = town_of(venue.streets)
     network = town.network()
+    origins, ends = (crossings(town, name, getattr(venue, name)) for name in ("origins", "destinations"))
+    check_ways(network, origins, ends)
     if venue.tabled:
         crowds = load_crowd_table(venue.counts)
-        return TownCrowds(network, table_flow(venue, crowds, town, network, slot_seconds=slot_seconds, law=law), None)
+        flow = table_flow(venue, crowds, town, network, slot_seconds=slot_seconds, law=law)
+        return TownCrowds(network, flow, None, origins, ends)
+    sensed, recorded = _sensed(venue, town, network, slot_seconds)
+    return TownCrowds(network, sensed, recorded, origins, ends)
+
+
+def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float) -> tuple[SensorFlow, SensorFlow]:
+    """Simulated and recorded crowds of a venue with sensors."""
     table = counts_of(venue.counts)
     sensors = venue.sensors or tuple(map(Sensor, table.sensors))
     names = [sensor.name for sensor in sensors]
@@ -75,7 +88,7 @@ def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> Tow
     spread = spread_along(network, segment, venue.reach)
     start = jnp.asarray(venue.starts(1), jnp.float32)
     flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds, None, venue.uneven)
-    return TownCrowds(network, flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none))
+    return flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)
 
 
 def in_several_places(
@@ -105,6 +118,77 @@ def _none(leaf: object) -> bool:
     return leaf is None
 
 
+def crossings(town: Town, name: str, places: tuple[Place, ...]) -> tuple[int, ...]:
+    """The crossings that the origins or destinations of a venue are, by number.
+
+    A place is taken to the nearest street, and there to the nearer end.
+
+    Raises
+    ------
+    ScenarioError
+        Crossings that there are not, places outside the town, and two places that are one crossing.
+    """
+    snap, found = Snapper(town), dict[int, Place]()
+    for place in places:
+        node = _crossing(town, snap, name, place)
+        if node in found:
+            raise ScenarioError(f"{name} must all be different, but {found[node]} and {place} are both crossing {node}")
+        found[node] = place
+    return tuple(found)
+
+
+def _crossing(town: Town, snap: Snapper, name: str, place: Place) -> int:
+    if isinstance(place, int):
+        if place >= town.nodes:
+            raise ScenarioError(f"{name}: there is no crossing {place}; they are numbered 0 to {town.nodes - 1}")
+        return place
+    try:
+        on = snap.nearest(*place)
+    except TownError as error:
+        raise ScenarioError(f"{name}: {error}") from error
+    return int(town.tail[on.street] if on.part < 0.5 else town.head[on.street])
+
+
+def check_ways(network: RoadNetwork, origins: tuple[int, ...], ends: tuple[int, ...]) -> None:
+    """Make sure that whoever sets out, and wherever they stray, there is a way to each destination.
+
+    Towns that were imported are in one part. Those of other programs need not be, and a walker must not come to a
+    crossing that has no way on.
+
+    Raises
+    ------
+    ScenarioError
+        A crossing from which there is no way to a destination, or a destination where all walks would begin.
+    """
+    for end in ends:
+        if origins == (end,):
+            raise ScenarioError(f"destinations: crossing {end} is the only origin, so that nobody walks there")
+    tail, head = np.asarray(network.tail), np.asarray(network.head)
+    ways = coo_array((np.ones(len(tail)), (tail, head)), shape=(network.nodes,) * 2).tocsr()
+    if connected_components(ways, connection="strong")[0] == 1:
+        return
+    back = ways.T.tocsr()
+    met = [breadth_first_order(ways, node, return_predecessors=False) for node in origins]
+    strays = np.unique(np.concatenate(met)) if met else np.arange(network.nodes)
+    # To whom everybody comes, and who comes to everybody, all come to all.
+    for end in ends or (int(strays[0]),):
+        lost = np.setdiff1d(strays, breadth_first_order(back, end, return_predecessors=False))
+        if len(lost):
+            raise _no_way(int(lost[0]), end)
+    if not ends:
+        first = int(strays[0])
+        missed = np.setdiff1d(np.arange(network.nodes), breadth_first_order(ways, first, return_predecessors=False))
+        if len(missed):
+            raise _no_way(first, int(missed[0]))
+
+
+def _no_way(start: int, end: int) -> ScenarioError:
+    return ScenarioError(
+        f"there is no way from crossing {start} to crossing {end}; choose origins and destinations in the part of the "
+        "town in which everybody gets everywhere, or import the streets by sidestep import-osm, which keeps that part"
+    )
+
+
 def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pairing: int) -> Int[np.ndarray, " sensor"]:
     """The segment that each sensor stands on: the street nearest to its place, or, without one, a street drawn for it.
 
@@ -119,7 +203,7 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
         raise ScenarioError(f"there are {len(sensors)} sensors, but {town.streets} streets")
     middle = (np.asarray(network.position)[town.tail] + np.asarray(network.position)[town.head]) / 2
     snap = Snapper(town)
-    found = [None if sensor.place is None else _nearest(snap, sensor) for sensor in sensors]
+    found = [nearest_street(snap, sensor) for sensor in sensors]
     taken = [street for street in found if street is not None]
     rng = np.random.default_rng([pairing, len(sensors)])
     weight = np.where(np.array(town.kind) == STEPS, 0.0, town.length) + 1e-9
@@ -137,8 +221,15 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
     return np.array([next(rest) if street is None else street for street in found], np.int64)
 
 
-def _nearest(snap: Snapper, sensor: Sensor) -> int:
+def nearest_street(snap: Snapper, sensor: Sensor) -> int | None:
+    """The street that a sensor stands on, where it has a place.
+
+    Raises
+    ------
+    ScenarioError
+        A place outside the town.
+    """
     try:
-        return snap.nearest(*sensor.place).street if sensor.place else -1
+        return snap.nearest(*sensor.place).street if sensor.place else None
     except TownError as error:
         raise ScenarioError(f"sensor {sensor.name!r}: {error}") from error

@@ -34,7 +34,7 @@ def make_environment(
     the highest that walkers will see; from ``map`` on it knows the ways to ``goals``, by default to the scenario's own
     destinations. Each ``part`` has futures of its own.
     """
-    goals = destinations(place.parts, 1) if goals is None else goals
+    goals = goals_of(place, 1) if goals is None else goals
     key, flow = _future_key(place, purpose, part), place.flow_for(purpose)
     return _environment(scenario, place.network, flow, key, crowds, level, jnp.asarray(goals, jnp.int32))
 
@@ -143,18 +143,57 @@ def destinations(parts: tuple[int, ...], goals: int) -> Int[np.ndarray, "goal pa
     return np.stack([[nodes - 1, *rest] for nodes, rest in zip(parts, others, strict=True)], axis=1) + first
 
 
+def goals_of(place: CrowdedMap, goals: int) -> Int[np.ndarray, "goal part"]:
+    """Where walks on a map may go: those of :func:`destinations`, or some of its own destinations, where it has such.
+
+    Raises
+    ------
+    ScenarioError
+        More than there are.
+    """
+    if not place.ends:
+        spared = _only_origin(place)
+        if not spared:
+            return destinations(place.parts, goals)
+        # Nobody walks to where all walks begin.
+        every = destinations(place.parts, place.network.nodes - 1)
+        return _some(every[~np.isin(every[:, 0], spared)], goals)
+    return _some(np.random.default_rng(len(place.ends)).permutation(place.ends)[:, None], goals)
+
+
+def _some(every: Int[np.ndarray, "any part"], goals: int) -> Int[np.ndarray, "goal part"]:
+    if not 1 <= goals <= len(every):
+        raise ScenarioError(f"there must be between 1 and {len(every)} destinations, not {goals}")
+    return every[:goals]
+
+
+def _only_origin(place: CrowdedMap) -> tuple[int, ...]:
+    return place.origins if len(place.origins) == 1 else ()
+
+
 def set_out(scenario: Scenario, place: CrowdedMap, goals: Int[np.ndarray, "goal part"], first: int = 0) -> CrowdedMap:
     """The place at the hours of the week at which people set out for each goal, where the scenario has such hours."""
     return place if scenario.venue is None else place.beginning(scenario.venue.starts(len(goals), first))
 
 
 def anywhere_to_anywhere(place: CrowdedMap, walks: int, part: int) -> Int[np.ndarray, "goal 1"]:
-    """As many destinations as walks, all different, drawn anew for each part of a comparison."""
+    """As many destinations as walks, all different, drawn anew for each part of a comparison.
+
+    Where the map has destinations of its own they are among these, and there may be fewer: walks go to each in turn.
+    """
     nodes = place.network.nodes
     if walks > nodes - 1:
         raise ScenarioError(f"there cannot be {walks} different destinations among {nodes} nodes")
     rng = np.random.default_rng([*np.asarray(jax.random.key_data(place.key)).tolist(), part])
-    return rng.permutation(nodes)[:walks, None]
+    among = rng.permutation(place.ends or nodes)
+    return among[~np.isin(among, _only_origin(place))][:walks, None]
+
+
+def _origins(place: CrowdedMap, goals: Int[np.ndarray, "goal 1"]) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes that a map's walks to each goal begin at, as rows of one length, and how many of a row are different."""
+    rows = [[node for node in place.origins if node != goal] for goal in goals[:, 0].tolist()]
+    count = np.array([len(row) for row in rows])
+    return np.stack([np.resize(row, max(len(place.origins), 1)) for row in rows]), count
 
 
 def sampler(
@@ -166,15 +205,21 @@ def sampler(
     goals: Int[np.ndarray, "goal part"] | None = None,
     anywhere: bool = False,
 ) -> InstanceSampler:
-    """The scenario's walks, or walks from anywhere, to ``goals``, through the first ``crowds`` futures."""
-    goals = destinations(place.parts, 1) if goals is None else goals
+    """The scenario's walks, or walks from anywhere, to ``goals``, through the first ``crowds`` futures.
+
+    Where the map has origins of its own, all walks begin there.
+    """
+    goals = goals_of(place, 1) if goals is None else goals
     _check_futures(params, len(goals))
     part = np.repeat(np.arange(len(place.parts)), place.parts)
     first = np.cumsum((0, *place.parts[:-1]))
     # Both have as many candidates, so that training from either is the same compiled program.
     elsewhere = np.stack([np.setdiff1d(np.arange(len(part)), of_goal) for of_goal in goals])
+    begins = elsewhere if anywhere or place.ends else first[part[elsewhere]]
+    if place.origins:
+        begins = elsewhere = _origins(place, goals)[0]
     return InstanceSampler(
-        origins=jnp.asarray(elsewhere if anywhere else first[part[elsewhere]], jnp.int32),
+        origins=jnp.asarray(begins, jnp.int32),
         destinations=jnp.asarray(goals[np.arange(len(goals))[:, None], part[elsewhere]], jnp.int32),
         departures=jnp.asarray(np.asarray(scenario.departures), jnp.float32),
         crowds=jnp.asarray(min(crowds, params.crowds.count), jnp.int32),
@@ -192,9 +237,12 @@ def instances(
 ) -> Instance:
     """Walks number ``first`` and on of the scenario, corner to corner, each through a future of its own.
 
-    With ``goals``, walks from anywhere to each of these in turn. Departures are spread evenly by the golden ratio, and
-    walks take the parts of the map in turn.
+    With ``goals``, walks from anywhere, or from the map's own origins, to each of these in turn; a map with origins or
+    destinations of its own has no other walks. Departures are spread evenly by the golden ratio, and walks take the
+    parts of the map in turn.
     """
+    if goals is None and (place.origins or place.ends):
+        goals = goals_of(place, 1)
     number = first + np.arange(walks)
     begins = np.cumsum((0, *place.parts))
     on = number % len(place.parts)
@@ -206,8 +254,22 @@ def instances(
         # Uniform over the part's other nodes.
         others = np.asarray(place.parts)[on] - 1
         uniform = jax.random.uniform(jax.random.fold_in(place.key, _ORIGINS + first), (walks,))
+        if place.origins:
+            rows, count = (jnp.asarray(each[crowd % len(goals)]) for each in _origins(place, goals))
+            chosen = jnp.minimum((uniform * count).astype(jnp.int32), count - 1)
+            return _walks(scenario, number, rows[jnp.arange(walks), chosen], destination, crowd)
         step = 1 + jnp.minimum((uniform * others).astype(jnp.int32), others - 1)
         origin = begins[on] + (destination - begins[on] + step) % (others + 1)
+    return _walks(scenario, number, origin, destination, crowd)
+
+
+def _walks(
+    scenario: Scenario,
+    number: Int[np.ndarray, " walk"],
+    origin: Int[Array | np.ndarray, " walk"],
+    destination: Int[np.ndarray, " walk"],
+    crowd: Int[np.ndarray, " walk"],
+) -> Instance:
     earliest, latest = scenario.departures
     return Instance(
         origin=jnp.asarray(origin, jnp.int32),

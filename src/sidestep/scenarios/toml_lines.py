@@ -1,0 +1,87 @@
+"""On which line of a TOML document something stands, for messages: Python's reader does not say."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from typing import Any
+
+Keys = tuple[str, ...]
+
+_NOT_PLAIN = re.compile(r""""(?:\\.|[^"\\])*"|'[^']*'|#.*""")  # texts and comments
+
+
+def line_of(text: str, keys: Keys) -> int:
+    """The line, from 1, of the statement that gives a value, or else of what is nearest around it.
+
+    Parameters
+    ----------
+    text
+        A whole document that can be read.
+    keys
+        Where the value stands: names of tables, then its own.
+    """
+    found = list(_statements(text))
+    for depth in range(len(keys), 0, -1):
+        for line, header, values in found:
+            if _holds(header, values, keys[:depth]):
+                return line
+    return 1
+
+
+def _statements(text: str) -> Iterator[tuple[int, Keys, dict[str, Any]]]:
+    """Each statement's line, the table that it stands under, and what it gives.
+
+    A statement is the fewest lines that can be read by themselves, so whatever TOML allows is understood: dotted and
+    quoted keys, tables in braces, values over several lines.
+    """
+    lines, start = text.replace("\r\n", "\n").split("\n"), 0
+    header: Keys = ()
+    while start < len(lines):
+        end, values = _shortest(lines, start)
+        if lines[start].lstrip().startswith("["):
+            header, values = _named(values), {}
+        yield start + 1, header, values
+        start = end
+
+
+def _shortest(lines: list[str], start: int) -> tuple[int, dict[str, Any]]:
+    opened, unlikely = 0, []
+    for end in range(start + 1, len(lines) + 1):
+        # Without counting brackets, long lists would be read once for every line of theirs.
+        plain = _NOT_PLAIN.sub("", lines[end - 1])
+        opened += plain.count("[") - plain.count("]")
+        if opened > 0 and end > start + 1:
+            unlikely.append(end)
+        elif (values := _read(lines[start:end])) is not None:
+            return end, values
+    for end in unlikely:  # some of them stood in a text of several lines
+        if (values := _read(lines[start:end])) is not None:
+            return end, values
+    return len(lines), {}
+
+
+def _read(lines: list[str]) -> dict[str, Any] | None:
+    try:
+        return tomllib.loads("\n".join(lines))
+    except ValueError:
+        return None
+
+
+def _named(values: Any) -> Keys:
+    """The name of the table in a header that was read by itself."""
+    name = []
+    while values:
+        if isinstance(values, dict):
+            name.append(next(iter(values)))
+        (values,) = values.values() if isinstance(values, dict) else values
+    return tuple(name)
+
+
+def _holds(header: Keys, values: object, keys: Keys) -> bool:
+    if header[: len(keys)] != keys[: len(header)]:
+        return False
+    for key in keys[len(header) :]:
+        if not isinstance(values, dict) or key not in values:
+            return False
+        values = values[key]
+    return True
