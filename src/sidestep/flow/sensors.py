@@ -110,11 +110,19 @@ def recorded_weeks(
     return residual.reshape(weeks, HOURS_OF_WEEK, -1).astype(np.float32)
 
 
+class Known(eqx.Module):
+    """What the sensors counted last before people set out, or are counting as they do."""
+
+    residual: Float[Array, " sensor"]  # log(1 + count) less the usual level of that hour; NaN where nothing was counted
+    since: Float[Array, ""]  # h from the middle of that hour to clock 0, from -1/2 to 3/2
+
+
 class SensorFlow(eqx.Module):
     """Crowds as sensors would count them.
 
-    Crowd number c begins at hour ``start[c modulo its length]`` of the week. With ``record``, crowds are not simulated:
-    each is one of the recorded weeks.
+    Crowd number c begins at hour ``start[c modulo its length]`` of the week. With ``known``, simulated crowds go on
+    from what was counted; sensors that are not known begin anywhere. With ``record``, crowds are not simulated: each is
+    one of the recorded weeks.
     """
 
     model: SensorModel
@@ -123,11 +131,22 @@ class SensorFlow(eqx.Module):
     start: Float[Array, " world"]  # hour of the week at clock 0, 0 is Monday 0:00
     slot_seconds: float = eqx.field(static=True)
     record: Float[Array, "week 168 sensor"] | None = None
+    known: Known | None = None
 
     def expected(self, slots: int) -> SensedField:
         """Mean densities, for each of the starts."""
         level = jax.vmap(lambda start: self._usual(start, jnp.arange(slots)))(self.start)
-        return self._field(level + self.model.deviation**2 / 2)
+        if self.known is None:
+            return self._field(level + self.model.deviation**2 / 2)
+        hours = jnp.maximum(self.known.since + (jnp.arange(slots) + 0.5) * (self.slot_seconds / HOUR), 0.0)
+        counted = jnp.isfinite(self.known.residual)
+        return self._field(
+            level
+            + self._fading_residual(
+                jnp.where(counted, self.known.residual, 0.0),
+                jnp.where(counted, self.model.memory ** hours[:, None], 0.0),
+            )
+        )
 
     def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> SensedField:
         """Possible futures, or recorded ones."""
@@ -148,8 +167,13 @@ class SensorFlow(eqx.Module):
         usual = self._usual(self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots))
         surprise = jnp.log1p(now / self.per_count) - usual[0]
         fading = self.model.memory ** (jnp.arange(slots)[:, None] * (self.slot_seconds / HOUR))
-        spread = self.model.deviation**2 * (1 - fading**2) / 2
-        return self._density(usual + fading * surprise + spread)
+        return self._density(usual + self._fading_residual(surprise, fading))
+
+    def _fading_residual(
+        self, residual: Float[Array, " sensor"], fading: Float[Array, "slots sensor"]
+    ) -> Float[Array, "slots sensor"]:
+        """What the residual adds to the logarithm of the mean, when so much of it is left."""
+        return fading * residual + self.model.deviation**2 * (1 - fading**2) / 2
 
     def _hours(
         self, start: Float[Array, ""], slot: Int[Array, " slots"]
@@ -169,16 +193,25 @@ class SensorFlow(eqx.Module):
 
     def _simulated(self, key: Key[Array, ""], crowds: int, hours: int) -> Float[Array, "crowd hour sensor"]:
         memory = self.model.memory
-        independent = jax.random.normal(key, (hours, crowds, memory.shape[0]))
+        steps = hours if self.known is None else hours + 1  # since the counts may be of the hour before the first one
+        independent = jax.random.normal(key, (steps, crowds, memory.shape[0]))
         innovations = independent @ self.model.together.T * self.model.deviation
         fresh = jnp.sqrt(1 - memory**2)
+        first = innovations[0]
+        if self.known is not None:
+            first = jnp.where(jnp.isfinite(self.known.residual), self.known.residual, first)
 
         def later(residual: Array, innovation: Array) -> tuple[Array, Array]:
             residual = memory * residual + fresh * innovation
             return residual, residual
 
-        _, rest = jax.lax.scan(later, innovations[0], innovations[1:])
-        return jnp.moveaxis(jnp.concatenate([innovations[:1], rest]), 0, 1)
+        _, rest = jax.lax.scan(later, first, innovations[1:])
+        chain = jnp.moveaxis(jnp.concatenate([first[None], rest]), 0, 1)
+        if self.known is None:
+            return chain
+        # The chain begins at the hour that was counted. What comes before its middle is taken to be as counted.
+        after = jnp.arange(hours) + jnp.floor(self.known.since).astype(jnp.int32)
+        return chain[:, jnp.clip(after, 0, steps - 1)]
 
     def _recorded(
         self, key: Key[Array, ""], starts: Float[Array, " crowd"], hours: int

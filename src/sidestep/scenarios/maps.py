@@ -16,6 +16,8 @@ from sidestep.flow.rush import RushFlow, ShiftingFlow
 from sidestep.flow.sensors import SensorFlow
 from sidestep.network.graph import RoadNetwork, side_by_side
 from sidestep.network.grid import grid_network
+from sidestep.network.splice import Spliced
+from sidestep.network.spread import Spread
 from sidestep.scenarios.catalogue import Scenario, ScenarioError
 from sidestep.scenarios.towns import town_crowds
 
@@ -45,6 +47,14 @@ class CrowdedMap(eqx.Module):
         flow = replace(self.flow, start=start) if isinstance(self.flow, SensorFlow) else self.flow
         recorded = replace(self.recorded, start=start) if isinstance(self.recorded, SensorFlow) else self.recorded
         return replace(self, flow=flow, recorded=recorded)
+
+    def spliced(self, streets: Spliced) -> "CrowdedMap":
+        """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
+        flow = self.flow
+        if isinstance(flow, SensorFlow):
+            parent = jnp.asarray(streets.parent)
+            flow = replace(flow, spread=Spread(flow.spread.sensor[parent], flow.spread.weight[parent]))
+        return CrowdedMap(streets.network, flow, self.key, (streets.network.nodes,))
 
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:

@@ -1,5 +1,9 @@
 """Venues: streets of a real place, with the crowds that its sensors count."""
 
+import difflib
+import reprlib
+from dataclasses import replace
+from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -9,7 +13,8 @@ import numpy as np
 from jaxtyping import Int
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
-from sidestep.flow.sensors import SensorFlow, fit_sensors, recorded_weeks
+from sidestep.flow.profile import hour_of_week
+from sidestep.flow.sensors import Known, SensorFlow, fit_sensors, recorded_weeks
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.io import load_helsinki, load_town
 from sidestep.network.snap import Snapper
@@ -55,7 +60,7 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
     town, table = town_of(venue.streets), counts_of(venue.counts)
     network = town.network()
     sensors = venue.sensors or tuple(map(Sensor, table.sensors))
-    names = [sensor.name for sensor in sensors]
+    names = sensor_names(venue)
     model = fit_sensors(table.between(*venue.fitted), names)
     segment = stations(town, network, sensors, venue.pairing)
     width = np.asarray(network.width)[segment]
@@ -66,6 +71,46 @@ def town_crowds(venue: Venue, slot_seconds: float) -> TownCrowds:
     flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds)
     record = recorded_weeks(model, table.between(*venue.tested), names)
     return TownCrowds(network, flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none))
+
+
+def sensor_names(venue: Venue) -> tuple[str, ...]:
+    """The sensors of a venue, in the order in which its crowds have them."""
+    return tuple(sensor.name for sensor in venue.sensors) or counts_of(venue.counts).sensors
+
+
+def with_live_counts(venue: Venue, flow: SensorFlow, table: CountTable, departure: datetime) -> tuple[SensorFlow, int]:
+    """Crowds that go on from current counts, and how many sensors these are of.
+
+    Counts are as the sensors count them: ``Venue.crowding`` is multiplied onto them as onto those that crowds are
+    fitted to. Of ``table`` the last hour matters; sensors without a count in it are not known.
+
+    Raises
+    ------
+    ScenarioError
+        Sensors that the venue does not have, counts of another hour than that of the departure or the one before it,
+        no count at all.
+    """
+    names = sensor_names(venue)
+    for name in table.sensors:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(map(repr, names))}"
+            raise ScenarioError(f"{table.source}: no sensor {reprlib.repr(name)} in this place; {hint}")
+    counted, leaves = table.times[-1], np.datetime64(departure, "h")
+    if counted not in (leaves, leaves - 1):
+        raise ScenarioError(
+            f"{table.source}: the last counts are of the hour from {counted}:00, but the departure is "
+            f"{departure.isoformat(timespec='minutes')}; they must be of the hour of the departure or the one before"
+        )
+    last = [table.series(name)[-1] if name in table.sensors else np.nan for name in names]
+    known = int(np.isfinite(last).sum())
+    if not known:
+        raise ScenarioError(f"{table.source}: nothing was counted in the last hour, from {counted}:00")
+    usual = np.asarray(flow.model.usual)[hour_of_week(table.times[-1:])[0]]
+    since = (np.datetime64(departure, "s") - counted.astype("datetime64[s]")).astype(float) / HOUR - 0.5
+    residual = np.log1p(np.array(last)) - usual
+    counts = Known(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
+    return replace(flow, known=counts, record=None), known
 
 
 def _none(leaf: object) -> bool:
