@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
 
 import equinox as eqx
 import jax
@@ -54,11 +53,6 @@ class Journey:
     def course(self) -> Float[np.ndarray, "point 2"]:
         """Longitude and latitude of the whole route."""
         return whole_course(self.legs)
-
-    def clock(self, minutes: float) -> datetime | None:
-        """Local wall time so long after the departure, where a day was given."""
-        time = self.trip.departure.time
-        return None if time is None else time + timedelta(minutes=minutes)
 
 
 def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:

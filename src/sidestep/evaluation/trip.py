@@ -99,6 +99,37 @@ def read_place(option: str, text: str) -> int | tuple[float, float]:
     raise RouteError(f"{option} must be a node or LAT,LON such as 60.1699,24.9384, not {text!r:.60}")
 
 
+def read_node(option: str, text: str) -> int:
+    """A node of a grid.
+
+    Raises
+    ------
+    RouteError
+        What is none.
+    """
+    place = read_place(option, text)
+    if isinstance(place, int):
+        return place
+    raise RouteError(f"{option} must be a node, not {text}: a grid has no latitudes and longitudes")
+
+
+def read_minutes(text: str) -> float:
+    """Minutes after the start of a scenario.
+
+    Raises
+    ------
+    RouteError
+        What is no number.
+    """
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = math.nan
+    if not math.isfinite(minutes):
+        raise RouteError(f"--depart must be a number of minutes, not {text!s:.60}")
+    return minutes
+
+
 def read_departure(text: str | None, venue: Venue) -> Departure:
     """Local wall time in ISO 8601; by default the first hour at which people usually set out.
 
