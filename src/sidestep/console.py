@@ -84,6 +84,8 @@ def show_journey(walk: "JourneyJson") -> None:
             step["crowding"],
             f"{step['density']:.2f}",
         )
+    if walk["arrives"]:
+        table.add_row("arrive", "", "", "", "", "")
     _print(table)
     end_of = "" if walk["arrives"] else " without arriving"
     print(

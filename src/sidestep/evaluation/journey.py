@@ -163,6 +163,9 @@ _FIRST_SLOTS = 4  # for which counts are shown; doubled until everybody has arri
 def _legs(streets: Spliced, params: EnvParams, expected: SensedSpeeds, route: Route) -> tuple[Leg, ...]:
     """The streets of a route through the expected crowds."""
     town, length = streets.town, np.asarray(params.network.length)
+    sensed, near, weight = (
+        np.asarray(part) for part in (expected.density[0], expected.spread.sensor, expected.spread.weight)
+    )
     alone = replace(params, crowds=expected)
 
     def one(here: int, there: int, before: float, after: float) -> Leg:
@@ -176,7 +179,7 @@ def _legs(streets: Spliced, params: EnvParams, expected: SensedSpeeds, route: Ro
             metres=float(length[segment]),
             minutes=(after - before) / 60,
             entered=(before - route.clocks[0]) / 60,
-            density=float(expected.density_at(jnp.int32(0), jnp.int32(segment), jnp.int32(slot))),
+            density=float(weight[segment] @ sensed[slot, near[segment]]),
             course=streets.course(segment),
         )
 
@@ -186,9 +189,8 @@ def _legs(streets: Spliced, params: EnvParams, expected: SensedSpeeds, route: Ro
 
 def _segment(params: EnvParams, here: int, there: int, before: float, after: float) -> int:
     """The segment that was walked; of parallel ones, that which takes the time that was taken."""
-    network = params.network
-    exits = np.asarray(network.exit_node[here]) == there
-    parallel = np.asarray(network.exit_segment[here])[exits].tolist()
+    exits = np.asarray(params.network.exit_node)[here] == there
+    parallel = np.asarray(params.network.exit_segment)[here, exits].tolist()
 
     def differs(segment: int) -> float:
         taken = segment_seconds(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before))

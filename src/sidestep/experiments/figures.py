@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
@@ -28,6 +29,8 @@ COLOURS = {
     "clairvoyant": "#003d5b",
 }
 ROUTE = "#1565c0"  # far from the colours of crowds
+# Without the palest colours, which cannot be seen on white.
+_CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.linspace(0.2, 1, 32)))
 _SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
 _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
 STYLES = {"clairvoyant": ":", "expected": "--", "shortest-path": "-", "random-progress": "-."}
@@ -143,19 +146,19 @@ def route_map(journey: Journey) -> Figure:
         for street, course in enumerate(courses)
         if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
     ]
-    density = journey.streets_density[near]
-    most = max(float(density.max()), 2 * _SPARSE)
+    density = np.maximum(journey.streets_density[near], _SPARSE)
+    fewest, most = float(np.quantile(density, 0.02)), 1.01 * float(density.max())
     streets = LineCollection(
         [courses[street] for street in near],
-        array=np.maximum(density, _SPARSE),
-        cmap="YlOrBr",
-        norm=LogNorm(_SPARSE, most),
-        linewidths=np.clip(town.width[near], 1.5, 6.0),
+        array=density,
+        cmap=_CROWDS,
+        norm=LogNorm(fewest, most),
+        linewidths=np.clip(town.width[near] / 2, 1.2, 4.0),
         capstyle="round",
     )
     axes.add_collection(streets)
     bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="persons/m² expected at the departure", pad=0.01)
-    ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5) if _SPARSE <= tick <= most]
+    ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5) if fewest <= tick <= most]
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     bar.minorticks_off()
     walk = town.project(journey.course)
@@ -170,7 +173,7 @@ def route_map(journey: Journey) -> Figure:
     _scale_bar(axes, west, south, east - west)
     metres, minutes = sum(leg.metres for leg in journey.legs), journey.route.seconds / 60
     figure.suptitle(
-        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min by {journey.planner.name}",
+        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min, planned by {journey.planner.name}",
         color=INK,
     )
     # Below the axes, where nothing lies under it.
@@ -181,7 +184,7 @@ def route_map(journey: Journey) -> Figure:
 def _frame(walk: Float[np.ndarray, "point 2"]) -> tuple[float, float, float, float]:
     """A square around a walk with room on all sides: west, east, south, north in metres."""
     low, high = walk.min(axis=0), walk.max(axis=0)
-    half = max(0.7 * float((high - low).max()), 250.0)
+    half = max(0.65 * float((high - low).max()), 300.0)
     (x, y) = (low + high) / 2
     return x - half, x + half, y - half, y + half
 
