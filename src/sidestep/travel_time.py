@@ -127,8 +127,7 @@ class SensedSpeeds(eqx.Module):
         """One segment's speeds in one of the crowds, and how far one gets in them."""
         near, weight = self.spread.sensor[segment], self.spread.weight[segment]
         speed = self.law.speed(weight @ self.density[crowd, :, near])
-        field = speed_field(speed, self.slot_seconds)
-        return field.speed, field.covered
+        return speed, _covered(speed, self.slot_seconds)
 
 
 Speeds = SpeedField | SensedSpeeds
@@ -136,9 +135,13 @@ Speeds = SpeedField | SensedSpeeds
 
 def speed_field(speed: Float[Array, "*crowd segment slot"], slot_seconds: float) -> SpeedField:
     """Prepare speeds (m/s, positive) for crossing times; ``slot_seconds`` is the length of a slot."""
+    return SpeedField(speed, _covered(speed, slot_seconds), slot_seconds)
+
+
+def _covered(speed: Float[Array, "*lead slot"], slot_seconds: float) -> Float[Array, "*lead slot"]:
+    """Metres walked from clock 0 to the beginning of each slot."""
     after = jnp.cumsum(speed * slot_seconds, axis=-1)
-    covered = jnp.concatenate([jnp.zeros_like(after[..., :1]), after[..., :-1]], axis=-1)
-    return SpeedField(speed, covered, slot_seconds)
+    return jnp.concatenate([jnp.zeros_like(after[..., :1]), after[..., :-1]], axis=-1)
 
 
 def crossing_time(

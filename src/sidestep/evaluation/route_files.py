@@ -2,6 +2,7 @@
 
 import json
 from datetime import timedelta
+from typing import Any
 from xml.etree import ElementTree as ET  # written only, never parsed
 
 import numpy as np
@@ -52,13 +53,13 @@ def _leg_members(leg: Leg) -> dict[str, object]:
     }
 
 
-def _feature(kind: str, coordinates: list[float], members: dict[str, object]) -> dict[str, object]:
+def _feature(kind: str, coordinates: list[Any], members: dict[str, object]) -> dict[str, object]:
     return {"type": "Feature", "properties": members, "geometry": {"type": kind, "coordinates": coordinates}}
 
 
-def _degrees(points: Float[np.ndarray, "*point 2"]) -> list[float]:
-    degrees: list[float] = np.round(points, 7).tolist()
-    return degrees
+def _degrees(points: Float[np.ndarray, "*point 2"]) -> list[Any]:
+    """Longitude and latitude to about a centimetre."""
+    return np.round(points, 7).tolist()
 
 
 def route_gpx(journey: Journey) -> str:

@@ -20,7 +20,7 @@ from sidestep.scenarios.maps import CrowdedMap
 from sidestep.scenarios.towns import town_of, with_live_counts
 
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
-_PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*")
+_PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def read_place(option: str, text: str) -> int | tuple[float, float]:
     RouteError
         What is neither.
     """
-    if re.fullmatch(r"\s*[-+]?\d{1,18}\s*", text):
+    if re.fullmatch(r"\s*[-+]?\d{1,18}\s*", text, re.ASCII):
         return int(text)
     found = _PLACE.fullmatch(text)
     try:

@@ -173,7 +173,8 @@ def route_map(journey: Journey) -> Figure:
     _scale_bar(axes, west, south, east - west)
     metres, minutes = sum(leg.metres for leg in journey.legs), journey.route.seconds / 60
     figure.suptitle(
-        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min, planned by {journey.planner.name}",
+        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min, "
+        f"planned by {journey.planner.name}",
         color=INK,
     )
     # Below the axes, where nothing lies under it.

@@ -138,15 +138,13 @@ class SensorFlow(eqx.Module):
         level = jax.vmap(lambda start: self._usual(start, jnp.arange(slots)))(self.start)
         if self.known is None:
             return self._field(level + self.model.deviation**2 / 2)
-        hours = jnp.maximum(self.known.since + (jnp.arange(slots) + 0.5) * (self.slot_seconds / HOUR), 0.0)
+        hours = jnp.maximum(self.known.since + (jnp.arange(slots) + 0.5) * (self.slot_seconds / HOUR), 0.0)[:, None]
+        whole = jnp.floor(hours)
+        # Straight from hour to hour, as futures are.
+        left = self.model.memory**whole * (1 - (hours - whole) * (1 - self.model.memory))
         counted = jnp.isfinite(self.known.residual)
-        return self._field(
-            level
-            + self._fading_residual(
-                jnp.where(counted, self.known.residual, 0.0),
-                jnp.where(counted, self.model.memory ** hours[:, None], 0.0),
-            )
-        )
+        residual = jnp.where(counted, self.known.residual, 0.0)
+        return self._field(level + self._fading_residual(residual, jnp.where(counted, left, 0.0)))
 
     def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> SensedField:
         """Possible futures, or recorded ones."""

@@ -153,7 +153,7 @@ def see_counts(
         params.usual,
     )
     if not forecasts:  # the compiler then leaves out what they take
-        live = LiveToGo(jnp.zeros((1, 1, 2, params.network.segments)), live.snapshot)
+        live = LiveToGo(jnp.zeros_like(live.forecast), live.snapshot)
     return replace(params, live=live, level="live")
 
 
