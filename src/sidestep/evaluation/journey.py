@@ -73,6 +73,7 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
     crowds, expected = params.crowds, params.expected
     if not (isinstance(crowds, SensedSpeeds) and isinstance(expected, SensedSpeeds)):
         raise RouteError(f"the crowds of {scenario.name} do not come from sensors")
+    futures = crowds.count  # one, where the forecast comes true
     world = _World(scenario, trip, params, crowds, purpose_key(trip.place, "test"))
     route = world.expected_route(planner)
     walked = world.walk(planner, futures, route.seconds)

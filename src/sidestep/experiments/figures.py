@@ -32,6 +32,7 @@ ROUTE = "#1565c0"  # far from the colours of crowds
 # Without the palest colours, which cannot be seen on white.
 _CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.linspace(0.2, 1, 32)))
 _SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
+_ROOM = 40.0  # m around the streets of a town
 _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
 STYLES = {"clairvoyant": ":", "expected": "--", "shortest-path": "-", "random-progress": "-."}
 
@@ -137,9 +138,9 @@ def crowded_map(
 def route_map(journey: Journey) -> Figure:
     """The streets around a planned walk, coloured by the people expected on them at the departure, and the walk."""
     trip, town = journey.trip, journey.trip.streets.town
-    figure = Figure(figsize=(9, 9), layout="constrained")
+    figure = Figure(figsize=(8, 7.5), layout="constrained")
     axes = figure.subplots()
-    west, east, south, north = _frame(town.project(journey.course))
+    west, east, south, north = _frame(town.project(journey.course), town.project(town.points))
     courses = np.split(town.project(town.points), town.first[1:-1])
     near = [
         street
@@ -182,12 +183,16 @@ def route_map(journey: Journey) -> Figure:
     return figure
 
 
-def _frame(walk: Float[np.ndarray, "point 2"]) -> tuple[float, float, float, float]:
-    """A square around a walk with room on all sides: west, east, south, north in metres."""
+def _frame(
+    walk: Float[np.ndarray, "step 2"], streets: Float[np.ndarray, "point 2"]
+) -> tuple[float, float, float, float]:
+    """West, east, south, north, in metres: room on all sides of a walk, as far as there are streets."""
     low, high = walk.min(axis=0), walk.max(axis=0)
     half = max(0.65 * float((high - low).max()), 300.0)
-    (x, y) = (low + high) / 2
-    return x - half, x + half, y - half, y + half
+    middle = (low + high) / 2
+    west, south = np.maximum(middle - half, streets.min(axis=0) - _ROOM)
+    east, north = np.minimum(middle + half, streets.max(axis=0) + _ROOM)
+    return float(west), float(east), float(south), float(north)
 
 
 def _scale_bar(axes, west: float, south: float, width: float) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
