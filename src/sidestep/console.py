@@ -93,8 +93,8 @@ def show_journey(walk: "JourneyJson") -> None:
         f"{walk['mean_density']:.2f} persons/m²"
     )
     print(
-        f"In {walk['futures']} simulated futures: median {walk['median_minutes']:.1f} min, 90 % within "
-        f"{walk['p90_minutes']:.1f} min, {100 * walk['arrival_rate']:.1f} % arrive"
+        f"In {walk['futures']} simulated future{'s' * (walk['futures'] > 1)}: median {walk['median_minutes']:.1f} min, "
+        f"90 % within {walk['p90_minutes']:.1f} min, {100 * walk['arrival_rate']:.1f} % arrive"
     )
     if walk["arrive_by"] is not None:
         print(f"Arrives within {walk['by_minutes']:g} min with probability {walk['arrive_by']:.2f}")

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from datetime import datetime, timedelta
 from xml.etree import ElementTree as ET
 
@@ -19,6 +20,7 @@ from sidestep.evaluation.trip import Departure, Trip, prepare, read_departure, r
 from sidestep.flow.counts import CountTable, read_counts
 from sidestep.network.io import save_town
 from sidestep.network.town import Town, metres_between
+from sidestep.planners.darp import Learned
 from sidestep.planners.search import Expected
 from sidestep.planners.shortest_path import distances_to
 from sidestep.scenarios import catalogue
@@ -213,6 +215,12 @@ def test_gpx(journey) -> None:
     assert re.search(r"local wall time", text)
 
 
+def test_gpx_of_odd_names(journey) -> None:
+    odd = replace(journey, legs=tuple(replace(leg, name="A<&>\x00\ud800\uffffB") for leg in journey.legs))
+    root = ET.fromstring(route_gpx(odd).encode())  # noqa: S314
+    assert root.find(f"{GPX}rte/{GPX}rtept/{GPX}name").text == "head east: A<&>B"
+
+
 @pytest.mark.parametrize(
     ("origin", "destination", "metres"),
     [
@@ -307,7 +315,7 @@ def test_departures(tiny) -> None:
     assert read_departure("2025-06-01 23:59:30", tiny.venue).hour == pytest.approx(168 - 30 / 3600)
     assert read_departure(None, tiny.venue) == Departure(10.0)
     assert read_departure(None, tiny.venue).text == "Monday 10:00"
-    for text in ("soon", "30", "2025-05-24", "2025-13-01T12:00", "", "2025-05-24T25:00"):
+    for text in ("soon", "30", "2025-05-24", "2025-13-01T12:00", "", "2025-05-24T25:00", "9999-12-31T23:59"):
         with pytest.raises(SidestepError, match=r"--depart must be a local time such as 2025-05-24T12:30, not"):
             read_departure(text, tiny.venue)
     for text in ("2025-05-24T12:30Z", "2025-05-24T12:30+03:00"):
@@ -375,6 +383,12 @@ def test_the_command_writes_files(command, tmp_path) -> None:
     found = json.loads(command("--json"))
     assert (found["departure"], found["departs"], found["counted_sensors"]) == (None, "Monday 10:00", None)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "route.gpx", "route.png"]
+
+
+def test_models_of_crossings_walk_between_crossings(command, monkeypatch) -> None:
+    monkeypatch.setattr("sidestep.planners.darp.load_planners", lambda *_: Learned({}, 0, None))
+    with pytest.raises(SidestepError, match="the model in m remembers crossings; give --from and --to as nodes"):
+        command("--model", "m")
 
 
 def test_the_command_says_that_counts_are_known(command, tmp_path) -> None:

@@ -15,6 +15,7 @@ from sidestep.network.town import metres_between
 
 _GPX = "http://www.topografix.com/GPX/1/1"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
+_NEVER = "\ufffe\uffff"  # no characters, says XML
 _ODBL = "https://opendatacommons.org/licenses/odbl/1-0/"
 _ROUTE_MEMBERS = (
     "scenario", "planner", "level", "departure", "departs", "metres", "expected_minutes", "arrives", "mean_density",
@@ -149,8 +150,10 @@ def _add(parent: ET.Element, tag: str, text: str | None = None) -> ET.Element:
 
 
 def _printable(text: str) -> str:
-    """Without the control characters that XML cannot hold; names of streets come from files."""
-    return "".join(letter for letter in text if letter >= " ")
+    """Without what XML cannot hold: names of streets come from files."""
+    return "".join(
+        letter for letter in text if letter >= " " and not ("\ud800" <= letter <= "\udfff" or letter in _NEVER)
+    )
 
 
 def _shares(course: Float[np.ndarray, "point 2"]) -> list[float]:

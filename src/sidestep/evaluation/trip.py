@@ -3,7 +3,7 @@
 import math
 import re
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import MAXYEAR, datetime
 
 import numpy as np
 
@@ -144,7 +144,7 @@ def read_departure(text: str | None, venue: Venue) -> Departure:
         time = datetime.fromisoformat(text.strip())
     except ValueError:
         time = None
-    if time is None or len(text.strip()) <= len("2025-05-24"):
+    if time is None or len(text.strip()) <= len("2025-05-24") or time.year == MAXYEAR:
         raise RouteError(f"--depart must be a local time such as 2025-05-24T12:30, not {text!r:.60}")
     if time.tzinfo is not None:
         raise RouteError(
