@@ -14,11 +14,12 @@ from sidestep import cli
 from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.evaluation.itinerary import itinerary
-from sidestep.evaluation.journey import Journey, travel
+from sidestep.evaluation.journey import Journey, _segment, travel
 from sidestep.evaluation.route_files import route_geojson, route_gpx
 from sidestep.evaluation.trip import Departure, Trip, prepare, read_departure, read_minutes, read_node, read_place
 from sidestep.flow.counts import CountTable, read_counts
 from sidestep.network.io import save_town
+from sidestep.network.splice import splice
 from sidestep.network.town import Town, metres_between
 from sidestep.planners.darp import Learned
 from sidestep.planners.search import Expected
@@ -241,6 +242,14 @@ def test_either_end_of_a_street(tiny, origin, destination, metres: float) -> Non
     network = trip.streets.network
     away = distances_to(network, np.asarray(network.length), trip.destination.node)
     assert away[trip.origin.node] == pytest.approx(metres, abs=0.1)
+
+
+@pytest.mark.parametrize(("seconds", "name"), [(200.0, "Long Street"), (300.0, "Back Road")])
+def test_parallel_streets_are_told_by_their_time(make_params, constant_field, seconds: float, name: str) -> None:
+    town = small_town()
+    streets = splice(town, [0, 1])
+    params = make_params(streets.network, constant_field(streets.network, speed=1.0))
+    assert town.name[streets.street[_segment(params, 0, 1, 60.0, 60.0 + seconds)]] == name
 
 
 def live(tmp_path, *rows: str, header: str = "time,the quay") -> CountTable:
