@@ -4,8 +4,10 @@ import json
 import math
 import os
 import sys
+from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from io import StringIO
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
@@ -16,11 +18,14 @@ from sidestep import __version__, console
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from cyclopts import Token
 
+    from sidestep.evaluation.journey import Journey
+    from sidestep.planners.base import Planner
     from sidestep.scenarios.catalogue import Scenario
+    from sidestep.scenarios.maps import CrowdedMap
 
 INTERRUPTED, BAD_INPUT = 130, 2
 SAVE_EVERY = 2.0  # seconds of training between checkpoints
@@ -43,6 +48,7 @@ def _whole(_type: object, tokens: "Sequence[Token]") -> int:
 
 
 Whole = partial(Parameter, converter=_whole)
+Hyphened = partial(Parameter, allow_leading_hyphen=True)  # southern latitudes
 
 Seed = Annotated[int, Whole(help="Seed of maps, crowds and training.")]
 Json = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON instead of tables.")]
@@ -337,13 +343,29 @@ def route(
     scenario: ScenarioOption,
     /,
     *,
-    origin: Annotated[int | None, Whole(name="--from", help="Node; by default the scenario's.")] = None,
-    destination: Annotated[int | None, Whole(name="--to", help="Node; by default the scenario's.")] = None,
-    depart: Annotated[float, Parameter(help="Minutes after the scenario's start.")] = 0.0,
+    origin: Annotated[
+        str | None,
+        Hyphened(name="--from", help="Node, or in towns LAT,LON; by default the scenario's first node."),
+    ] = None,
+    destination: Annotated[
+        str | None, Hyphened(name="--to", help="Node, or in towns LAT,LON; by default the scenario's last node.")
+    ] = None,
+    depart: Annotated[
+        str | None,
+        Hyphened(help="Minutes after the scenario's start; in towns local time, such as 2025-05-24T12:30."),
+    ] = None,
     planner: Annotated[str | None, Parameter(help="Who plans; by default expected, or darp with --model.")] = None,
     model: Annotated[Path | None, Parameter(help="Folder of a trained model, for the planner darp.")] = None,
     by: By = None,
-    futures: Annotated[int, Whole(help="Simulated futures.")] = 200,
+    futures: Annotated[
+        int | None, Whole(help="Simulated futures; by default 200, in towns 20 for planners that see all counts.")
+    ] = None,
+    live: Annotated[Path | None, Parameter(help="In towns: current counts, hourly, as CSV.")] = None,
+    output: Annotated[
+        Literal["text", "geojson", "gpx", "png"],
+        Parameter(name="--format", help="What is printed, or written to --out."),
+    ] = "text",
+    out: Annotated[Path | None, Parameter(help="File to write to instead of printing.")] = None,
     index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
     changes: Changes = UNCHANGED,
     seed: Seed = 0,
@@ -352,40 +374,115 @@ def route(
     """Plan one walk, and say how long it may take."""
     _at_least("seed", seed, 0)
     _at_least("map", index, 0)
-    _at_least("futures", futures, 1)
+    if futures is not None:
+        _at_least("futures", futures, 1)
     _minutes(by)
-    if not math.isfinite(depart):
-        raise SidestepError(f"--depart must be a number of minutes, not {depart}")
+    if output == "png" and out is None:
+        raise SidestepError("--format png needs --out, the file for the picture")
+    if as_json and output != "text":
+        raise SidestepError(f"--json and --format {output} cannot go together")
     _start_jax()
-    from sidestep.evaluation.compare import BASELINES, REPLANNING, PlannerError
     from sidestep.evaluation.foresight import foresee
-    from sidestep.planners.darp import load_planners
+    from sidestep.evaluation.journey import travel
+    from sidestep.evaluation.trip import prepare, read_departure, read_minutes, read_node, read_place
+    from sidestep.files import output_folder
+    from sidestep.flow.counts import read_counts
     from sidestep.scenarios.maps import draw_map
 
     problem = _scenario(scenario, changes)
     place = draw_map(problem, seed, index)
-    end = place.network.nodes - 1 if destination is None else destination
+    last = str(place.network.nodes - 1)
+    if problem.venue is None:
+        if output != "text" or live is not None:
+            what = "--live" if live is not None else f"--format {output}"
+            raise SidestepError(f"{what} needs a scenario with real streets, such as helsinki; {scenario} is a grid")
+        ends = read_node("--from", origin or "0"), read_node("--to", destination or last)
+        departure = 60 * read_minutes(depart or "0")
+        who = _planner(planner, model, problem, place, seed, index, ends[1])
+        if out is not None:
+            output_folder(out.parent)
+        found = foresee(
+            problem, place, who, origin=ends[0], destination=ends[1], departure=departure, futures=futures or 200
+        ).as_json(by)
+        _hand_over(out, lambda: print(json.dumps(found, indent=2)) if as_json else console.show_walk(found))
+        return
+    trip = prepare(
+        problem,
+        place,
+        read_place("--from", origin or "0"),
+        read_place("--to", destination or last),
+        read_departure(depart, problem.venue),
+        None if live is None else read_counts(live),
+    )
+    who = _planner(planner, model, problem, place, seed, index, trip.destination.node, splits=trip.splits)
+    if out is not None:
+        output_folder(out.parent)
+    _hand_over_journey(travel(trip, who, futures), "json" if as_json else output, out, by)
+
+
+def _planner(
+    name: str | None,
+    model: Path | None,
+    problem: "Scenario",
+    place: "CrowdedMap",
+    seed: int,
+    index: int,
+    end: int,
+    *,
+    splits: bool = False,
+) -> "Planner":
+    """Who plans a walk to the node ``end``; ``splits`` says that it begins or ends where no node was before."""
+    from sidestep.evaluation.compare import BASELINES, REPLANNING, PlannerError
+    from sidestep.planners.darp import load_planners
+
     every = {**BASELINES, **REPLANNING}
     if model is not None:
         learned = load_planners([model], problem, seed)
         if learned.index not in (None, index):
             raise SidestepError(f"the model in {model} remembers map {learned.index}, not {index}")
+        if learned.index is not None and splits:
+            raise SidestepError(f"the model in {model} remembers crossings; give --from and --to as nodes")
         learned.check_destination(end)
         every |= learned.factories
-    name = planner or ("expected" if model is None else "darp")
+    name = name or ("expected" if model is None else "darp")
     if name not in every:
         hint = "; darp needs --model" if name == "darp" else ""
         raise PlannerError(f"unknown planner {name!r}; there are {', '.join(every)}{hint}")
     who = every[name](place, index)
     if who is None:
         raise PlannerError(f"{name} does not walk map {index}")
-    found = foresee(
-        problem, place, who, origin=origin or 0, destination=end, departure=60 * depart, futures=futures
-    ).as_json(by)
-    if as_json:
-        print(json.dumps(found, indent=2))
-    else:
-        console.show_walk(found)
+    return who
+
+
+def _hand_over_journey(journey: "Journey", output: str, out: Path | None, by: float | None) -> None:
+    """Print a planned walk through a town, or write it to a file."""
+    from sidestep.evaluation.itinerary import itinerary
+    from sidestep.evaluation.route_files import route_geojson, route_gpx
+
+    if output == "png" and out is not None:
+        from sidestep.experiments.figures import route_map, save
+
+        save(route_map(journey), out)
+        return
+    shown = {
+        "json": lambda: print(json.dumps(itinerary(journey, by), indent=2, ensure_ascii=False)),
+        "geojson": lambda: print(route_geojson(journey, by), end=""),
+        "gpx": lambda: print(route_gpx(journey), end=""),
+        "text": lambda: console.show_journey(itinerary(journey, by)),
+    }
+    _hand_over(out, shown[output])
+
+
+def _hand_over(out: Path | None, show: "Callable[[], None]") -> None:
+    """Print, or write what would be printed to a file, whole or not at all."""
+    from sidestep.files import write_text
+
+    if out is None:
+        show()
+        return
+    with redirect_stdout(StringIO()) as text:
+        show()
+    write_text(out, text.getvalue())
 
 
 counts_app = App(name="counts", help="Counts and crowds: what a file holds, and what is made of it.")

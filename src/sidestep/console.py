@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from sidestep.evaluation.compare import Results
     from sidestep.evaluation.foresight import PlannedWalk
+    from sidestep.evaluation.itinerary import JourneyJson
     from sidestep.flow.summary import CountSummary
     from sidestep.network.osm import ImportReport
     from sidestep.scenarios.tables import TableReport
@@ -66,6 +67,50 @@ def show_walk(walk: "PlannedWalk") -> None:
     )
     if walk["arrive_by"] is not None:
         print(f"Arrives within {walk['by_minutes']:g} min with probability {walk['arrive_by']:.2f}")
+
+
+def show_journey(walk: "JourneyJson") -> None:
+    """Print the way through a real place, turn by turn, and how long it may take."""
+    print(f"{walk['planner']} ({walk['level']}), departing {walk['departs']}, if crowds are as expected:")
+    for end in (walk["origin"], walk["destination"]):
+        if end["metres_away"] >= 1:
+            print(f"{end['asked']} is {end['metres_away']:,.0f} m from the street")
+    table = _table("", "street", ">metres", ">minutes", "crowds", ">persons/m²", title="")
+    for step in walk["steps"]:
+        table.add_row(
+            step["turn"],
+            step["street"],
+            f"{step['metres']:,.0f}",
+            f"{step['minutes']:.1f}",
+            step["crowding"],
+            f"{step['density']:.2f}",
+        )
+    if walk["arrives"]:
+        table.add_row("arrive", "", "", "", "", "")
+    _print(table)
+    end_of = "" if walk["arrives"] else " without arriving"
+    print(
+        f"{walk['metres']:,.0f} m, {walk['expected_minutes']:.1f} min{end_of}; crowds on the way: {walk['crowding']}, "
+        f"{walk['mean_density']:.2f} persons/m²"
+    )
+    print(
+        f"In {walk['futures']} simulated future{'s' * (walk['futures'] > 1)}: median {walk['median_minutes']:.1f} min, "
+        f"90 % within {walk['p90_minutes']:.1f} min, {100 * walk['arrival_rate']:.1f} % arrive"
+    )
+    if walk["arrive_by"] is not None:
+        print(f"Arrives within {walk['by_minutes']:g} min with probability {walk['arrive_by']:.2f}")
+    for name, other in walk["others"].items():
+        which = "the same futures" if other["futures"] == walk["futures"] else f"the first {other['futures']} of them"
+        more = other["mean_difference_minutes"]
+        print(
+            f"{name} in {which}: median {other['median_minutes']:.1f} min, 90 % within {other['p90_minutes']:.1f} min, "
+            f"{100 * other['arrival_rate']:.1f} % arrive; on average {abs(more):.1f} min "
+            f"{'longer' if more >= 0 else 'shorter'}"
+        )
+    print("\nCrowds are those that are usual at this hour of the week, whatever the date", end="")
+    counted = walk["counted_sensors"]
+    print("." if counted is None else f", and go on from current counts of {counted} of {walk['sensors']} sensors.")
+    print(f"Streets: {walk['attribution']}. Crowds: {walk['crowds']}.")
 
 
 def show_counts(summary: "CountSummary", seed: int) -> None:

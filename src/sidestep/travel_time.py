@@ -161,7 +161,7 @@ def speed_field(speed: Float[Array, "*crowd segment slot"], slot_seconds: float)
 
 
 def _covered(speed: Float[Array, "*lead slot"], slot_seconds: float) -> Float[Array, "*lead slot"]:
-    """Metres walked before each slot begins."""
+    """Metres walked from clock 0 to the beginning of each slot."""
     after = jnp.cumsum(speed * slot_seconds, axis=-1)
     return jnp.concatenate([jnp.zeros_like(after[..., :1]), after[..., :-1]], axis=-1)
 

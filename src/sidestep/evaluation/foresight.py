@@ -5,7 +5,7 @@ from typing import TypedDict
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Key
 
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.errors import SidestepError
@@ -119,11 +119,7 @@ def foresee(
 
     key = purpose_key(place, "test")
     params, once = world(replace(scenario, flows="forecast"), 1)
-    trace = nodes + 1
-    (route,) = routes(planner, params, once, key, trace)
-    while len(route.nodes) == trace:  # it may go on
-        trace *= 8
-        (route,) = routes(planner, params, once, key, trace)
+    route = whole_route(planner, params, once, key)
     covered = scenario.slots * scenario.slot_seconds
     if departure + route.seconds > covered and departure > scenario.departures[1]:
         raise RouteError(
@@ -133,6 +129,16 @@ def foresee(
     params, todo = world(scenario, futures)
     walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
     return Foresight(planner, route, _metres(place, route), np.asarray(walked.seconds) / 60, np.asarray(walked.arrived))
+
+
+def whole_route(planner: Planner, params: EnvParams, once: Instance, key: Key[Array, ""]) -> Route:
+    """All of one walk, however long it is."""
+    trace = params.network.nodes + 1
+    (route,) = routes(planner, params, once, key, trace)
+    while len(route.nodes) == trace:  # it may go on
+        trace *= 8
+        (route,) = routes(planner, params, once, key, trace)
+    return route
 
 
 def _metres(place: CrowdedMap, route: Route) -> float:

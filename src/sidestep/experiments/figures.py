@@ -3,14 +3,18 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from sidestep.environment.types import EnvParams
+from sidestep.evaluation.journey import Journey
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Route
@@ -24,6 +28,12 @@ COLOURS = {
     "expected": "#6a994e",
     "clairvoyant": "#003d5b",
 }
+ROUTE = "#1565c0"  # far from the colours of crowds
+# Without the palest colours, which cannot be seen on white.
+_CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.linspace(0.2, 1, 32)))
+_SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
+_ROOM = 40.0  # m around the streets of a town
+_HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
 STYLES = {"clairvoyant": ":", "expected": "--", "shortest-path": "-", "random-progress": "-."}
 
 
@@ -123,6 +133,75 @@ def crowded_map(
     figure.suptitle(title, color=INK)
     figure.legend(frameon=False, loc="outside lower center", ncols=len(routes))
     return figure
+
+
+def route_map(journey: Journey) -> Figure:
+    """The streets around a planned walk, coloured by the people expected on them at the departure, and the walk."""
+    trip, town = journey.trip, journey.trip.streets.town
+    figure = Figure(figsize=(8, 7.5), layout="constrained")
+    axes = figure.subplots()
+    west, east, south, north = _frame(town.project(journey.course), town.project(town.points))
+    courses = np.split(town.project(town.points), town.first[1:-1])
+    near = [
+        street
+        for street, course in enumerate(courses)
+        if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
+    ]
+    density = np.maximum(journey.streets_density[near], _SPARSE)
+    fewest, most = float(np.quantile(density, 0.02)), 1.01 * float(density.max())
+    streets = LineCollection(
+        [courses[street] for street in near],
+        array=density,
+        cmap=_CROWDS,
+        norm=LogNorm(fewest, most),
+        linewidths=np.clip(town.width[near] / 2, 1.2, 4.0),
+        capstyle="round",
+    )
+    axes.add_collection(streets)
+    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="persons/m² expected at the departure", pad=0.01)
+    ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5) if fewest <= tick <= most]
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    bar.minorticks_off()
+    walk = town.project(journey.course)
+    for colour, width in (("white", 6.5), (ROUTE, 3.4)):
+        axes.plot(*walk.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
+    for place, text, face in ((walk[0], "start", "white"), (walk[-1], "end", INK)):
+        axes.plot(*place, "o", color=face, markeredgecolor=INK, markeredgewidth=2.2, markersize=11, zorder=4)
+        axes.annotate(text, place, xytext=(10, 8), textcoords="offset points", color=INK, zorder=5, **_HALO)
+    axes.set_aspect("equal")
+    axes.set(xlim=(west, east), ylim=(south, north))
+    axes.axis("off")
+    _scale_bar(axes, west, south, east - west)
+    metres, minutes = sum(leg.metres for leg in journey.legs), journey.route.seconds / 60
+    figure.suptitle(
+        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min, "
+        f"planned by {journey.planner.name}",
+        color=INK,
+    )
+    # Below the axes, where nothing lies under it.
+    figure.supxlabel(f"Streets: {town.attribution}\nCrowds: {trip.crowds}", fontsize=8, color=INK)
+    return figure
+
+
+def _frame(
+    walk: Float[np.ndarray, "step 2"], streets: Float[np.ndarray, "point 2"]
+) -> tuple[float, float, float, float]:
+    """West, east, south, north, in metres: room on all sides of a walk, as far as there are streets."""
+    low, high = walk.min(axis=0), walk.max(axis=0)
+    half = max(0.65 * float((high - low).max()), 300.0)
+    middle = (low + high) / 2
+    west, south = np.maximum(middle - half, streets.min(axis=0) - _ROOM)
+    east, north = np.minimum(middle + half, streets.max(axis=0) + _ROOM)
+    return float(west), float(east), float(south), float(north)
+
+
+def _scale_bar(axes, west: float, south: float, width: float) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    metres = max(step for step in (50, 100, 200, 500, 1000, 2000, 5000) if step <= max(width / 4, 50))
+    x, y = west + 0.03 * width, south + 0.03 * width
+    axes.plot([x, x + metres], [y, y], color=INK, linewidth=3, solid_capstyle="butt", zorder=5)
+    axes.annotate(
+        f"{metres:,} m", (x + metres / 2, y), xytext=(0, 6), textcoords="offset points", ha="center", color=INK, **_HALO
+    )
 
 
 def _routes_end(routes: Mapping[str, Route], which: int) -> int:

@@ -141,11 +141,19 @@ def recorded_weeks(
     return residual.reshape(weeks, HOURS_OF_WEEK, -1).astype(np.float32)
 
 
+class Known(eqx.Module):
+    """What the sensors counted last before people set out, or are counting as they do."""
+
+    residual: Float[Array, " sensor"]  # log(1 + count) less the usual level of that hour; NaN where nothing was counted
+    since: Float[Array, ""]  # h from the middle of that hour to clock 0, from -1/2 to 3/2
+
+
 class SensorFlow(eqx.Module):
     """Crowds as sensors would count them.
 
-    Crowd number c begins at hour ``start[c modulo its length]`` of the week. With ``record``, weeks are not simulated:
-    each crowd is one of the recorded ones. ``uneven`` is how much, beyond that, every future's demand differs from
+    Crowd number c begins at hour ``start[c modulo its length]`` of the week. With ``known``, simulated crowds go on
+    from what was counted; sensors that are not known begin anywhere. With ``record``, weeks are not simulated: each
+    crowd is one of the recorded ones. ``uneven`` is how much, beyond that, every future's demand differs from
     place to place: by a lognormal factor of mean 1 at each sensor, the standard deviation of whose logarithm it is.
     """
 
@@ -156,6 +164,7 @@ class SensorFlow(eqx.Module):
     slot_seconds: float = eqx.field(static=True)
     record: Float[Array, "week 168 sensor"] | None = None
     uneven: float = eqx.field(static=True, default=0.0)
+    known: Known | None = None
 
     @property
     def _lasting(self) -> Float[Array, " sensor"]:
@@ -164,10 +173,22 @@ class SensorFlow(eqx.Module):
 
     def expected(self, slots: int) -> SensedField:
         """Mean densities, for each of the starts."""
+        number = jnp.arange(slots)
+        known = self.known
 
         def one(start: Float[Array, ""]) -> Float[Array, "slot sensor"]:
-            usual, deviation = self._usual(start, jnp.arange(slots))
-            return usual + (self._lasting + self._bridged(start, jnp.arange(slots)) * deviation**2) / 2
+            usual, deviation = self._usual(start, number)
+            variance = self._lasting + self._bridged(start, number) * deviation**2
+            if known is None:
+                return usual + variance / 2
+            hours = jnp.maximum(known.since + (number + 0.5) * (self.slot_seconds / HOUR), 0.0)[:, None]
+            whole = jnp.floor(hours)
+            # Straight from hour to hour, as futures are.
+            left = self.model.memory**whole * (1 - (hours - whole) * (1 - self.model.memory))
+            surprise, then = self._surprise(known)
+            covariance = self._lasting + left * then * deviation
+            counted = jnp.isfinite(known.residual)
+            return usual + _given(surprise, self._lasting + then**2, jnp.where(counted, covariance, 0.0), variance)
 
         return self._field(jax.vmap(one)(self.start))
 
@@ -175,39 +196,42 @@ class SensorFlow(eqx.Module):
         """Possible futures, or recorded ones."""
         starts = self.start[jnp.arange(crowds) % self.start.shape[0]]
         hours = math.ceil(slots * self.slot_seconds / HOUR) + 2
-        for_weeks, for_hours = jax.random.split(key)
-        week = jax.random.normal(for_weeks, (crowds, self.model.weekly.shape[0]))
+        for_lasting, for_hours = jax.random.split(key)
+        lasting = jax.random.normal(for_lasting, (crowds, self.model.weekly.shape[0]))
         if self.record is None:
-            week *= jnp.sqrt(self._lasting)
-            drawn = self._simulated(for_hours, crowds, hours)
+            lasting, knots = self._simulated(for_hours, lasting * jnp.sqrt(self._lasting), hours)
         else:
-            week *= self.uneven  # the rest was recorded
-            drawn = self._recorded(for_hours, starts, hours)
+            # How the whole week differs was recorded.
+            lasting, knots = lasting * self.uneven, self._recorded(for_hours, starts, hours)
 
         def one(
-            start: Float[Array, ""], week: Float[Array, " sensor"], knots: Float[Array, "hour sensor"]
+            start: Float[Array, ""], lasting: Float[Array, " sensor"], knots: Float[Array, "hour sensor"]
         ) -> Float[Array, "slot sensor"]:
             _, hour, part = self._hours(start, jnp.arange(slots))
             usual, deviation = self._usual(start, jnp.arange(slots))
             residual = (1 - part)[:, None] * knots[hour] + part[:, None] * knots[hour + 1]
-            return usual + week + residual * (deviation if self.record is None else 1.0)
+            return usual + lasting + residual * (deviation if self.record is None else 1.0)
 
-        return self._field(jax.vmap(one)(starts, week, drawn))
+        return self._field(jax.vmap(one)(starts, lasting, knots))
 
     def ahead(
         self, now: Float[Array, " sensor"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0
     ) -> Float[Array, "slots sensor"]:
-        """Mean densities of this and the next slots, given those of this one: part of the surprise stays, part fades."""
+        """Mean densities of this and the next slots, given those of this one: a surprise stays in part, the rest fades."""
         start, after = self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots)
         usual, deviation = self._usual(start, after)
-        surprise = jnp.log1p(now / self.per_count) - usual[0]
         fading = self.model.memory ** (jnp.arange(slots)[:, None] * (self.slot_seconds / HOUR))
-        bridged = self._bridged(start, after)
-        variance = self._lasting + bridged * deviation**2
-        # Conditional mean and variance of two normal numbers, now and then.
-        covariance = self._lasting + fading * jnp.sqrt(bridged[0] * bridged) * deviation[0] * deviation
-        left = variance - covariance**2 / variance[0]
-        return self._density(usual + covariance / variance[0] * surprise + left / 2)
+        deviation *= jnp.sqrt(self._bridged(start, after))
+        variance = self._lasting + deviation**2
+        surprise = jnp.log1p(now / self.per_count) - usual[0]
+        covariance = self._lasting + fading * deviation[0] * deviation
+        return self._density(usual + _given(surprise, variance[0], covariance, variance))
+
+    def _surprise(self, known: Known) -> tuple[Float[Array, " sensor"], Float[Array, " sensor"]]:
+        """How what is known differs from what was to be expected then, 0 where it is not, and the deviation then."""
+        hour = jnp.round(self.start[0] - known.since - 0.5).astype(jnp.int32)
+        residual = jnp.where(jnp.isfinite(known.residual), known.residual + self.uneven**2 / 2, 0.0)
+        return residual, self.model.deviation[hour % len(self.model.deviation)]
 
     def _hours(
         self, start: Float[Array, ""], slot: Int[Array, " slots"]
@@ -235,18 +259,32 @@ class SensorFlow(eqx.Module):
         _, _, part = self._hours(start, slot)
         return 1 - 2 * (part * (1 - part))[:, None] * (1 - self.model.memory)
 
-    def _simulated(self, key: Key[Array, ""], crowds: int, hours: int) -> Float[Array, "crowd hour sensor"]:
-        """Residuals in units of their deviations."""
-        memory = self.model.memory
-        innovations = jax.random.normal(key, (hours, crowds, memory.shape[0])) @ self.model.together.T
-        fresh = jnp.sqrt(1 - memory**2)
+    def _simulated(
+        self, key: Key[Array, ""], lasting: Float[Array, "crowd sensor"], hours: int
+    ) -> tuple[Float[Array, "crowd sensor"], Float[Array, "crowd hour sensor"]]:
+        """What lasts, and residuals in units of their deviations."""
+        memory, known = self.model.memory, self.known
+        steps = hours if known is None else hours + 1  # since the counts may be of the hour before the first one
+        innovations = jax.random.normal(key, (steps, *lasting.shape)) @ self.model.together.T
+        fresh, first = jnp.sqrt(1 - memory**2), innovations[0]
+        if known is not None:
+            # Matheron's rule: what was drawn is corrected by as much of the miss as falls on each part.
+            surprise, then = self._surprise(known)
+            miss = jnp.where(jnp.isfinite(known.residual), surprise - lasting - then * first, 0.0)
+            variance = self._lasting + then**2
+            lasting, first = lasting + self._lasting / variance * miss, first + then / variance * miss
 
         def later(residual: Array, innovation: Array) -> tuple[Array, Array]:
             residual = memory * residual + fresh * innovation
             return residual, residual
 
-        _, rest = jax.lax.scan(later, innovations[0], innovations[1:])
-        return jnp.moveaxis(jnp.concatenate([innovations[:1], rest]), 0, 1)
+        _, rest = jax.lax.scan(later, first, innovations[1:])
+        chain = jnp.moveaxis(jnp.concatenate([first[None], rest]), 0, 1)
+        if known is None:
+            return lasting, chain
+        # The chain begins at the hour that was counted. What comes before its middle is taken to be as counted.
+        after = jnp.arange(hours) + jnp.floor(known.since).astype(jnp.int32)
+        return lasting, chain[:, jnp.clip(after, 0, steps - 1)]
 
     def _recorded(
         self, key: Key[Array, ""], starts: Float[Array, " crowd"], hours: int
@@ -266,3 +304,14 @@ class SensorFlow(eqx.Module):
 
     def _field(self, level: Float[Array, "crowd slot sensor"]) -> SensedField:
         return SensedField(self._density(level), self.spread, self.slot_seconds)
+
+
+def _given(
+    surprise: Float[Array, " sensor"],
+    variance_then: Float[Array, " sensor"],
+    covariance: Float[Array, "slot sensor"],
+    variance: Float[Array, "slot sensor"],
+) -> Float[Array, "slot sensor"]:
+    """What a normal number that is known adds to the logarithm of the mean of later lognormal ones."""
+    share = covariance / jnp.maximum(variance_then, 1e-12)
+    return share * surprise + (variance - share * covariance) / 2

@@ -17,6 +17,8 @@ from sidestep.flow.sensors import SensorFlow
 from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork, side_by_side
 from sidestep.network.grid import grid_network
+from sidestep.network.splice import Spliced
+from sidestep.network.spread import Spread
 from sidestep.scenarios.catalogue import Scenario, ScenarioError
 from sidestep.scenarios.towns import town_crowds
 
@@ -47,6 +49,16 @@ class CrowdedMap(eqx.Module):
         start = jnp.asarray(starts, jnp.float32)
         recorded = None if self.recorded is None else _starting(self.recorded, start)
         return replace(self, flow=_starting(self.flow, start), recorded=recorded)
+
+    def spliced(self, streets: Spliced) -> "CrowdedMap":
+        """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
+        flow, parent = self.flow, jnp.asarray(streets.parent)
+        if isinstance(flow, SensorFlow):
+            flow = replace(flow, spread=Spread(flow.spread.sensor[parent], flow.spread.weight[parent]))
+        elif isinstance(flow, TableFlow):
+            share = streets.network.length / self.network.length[parent]
+            flow = replace(flow, usual=flow.usual[:, parent] * share)
+        return CrowdedMap(streets.network, flow, self.key, (streets.network.nodes,))
 
 
 def _starting(flow: FlowModel, start: Float[Array, " goal"]) -> FlowModel:

@@ -1,5 +1,9 @@
 """Venues: streets of a real place, with the crowds that its sensors count."""
 
+import difflib
+import reprlib
+from dataclasses import replace
+from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,7 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
-from sidestep.flow.sensors import SensorFlow, SensorModel, fit_sensors, recorded_weeks
+from sidestep.flow.profile import hour_of_week
+from sidestep.flow.sensors import Known, SensorFlow, SensorModel, fit_sensors, recorded_weeks
 from sidestep.flow.table import load_crowd_table
 from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork
@@ -76,12 +81,13 @@ def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> Tow
 def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float) -> tuple[SensorFlow, SensorFlow]:
     """Simulated and recorded crowds of a venue with sensors."""
     table = counts_of(venue.counts)
-    sensors = venue.sensors or tuple(map(Sensor, table.sensors))
+    sensors = sensors_of(venue)
     names = [sensor.name for sensor in sensors]
     model = fit_sensors(table.between(*venue.fitted), names)
     record = recorded_weeks(model, table.between(*venue.tested), names)
-    model, record, sensors = in_several_places(model, record, sensors, venue.places)
-    segment = stations(town, network, sensors, venue.pairing)
+    stands = places_of(sensors, venue.places)
+    model, record = in_several_places(model, record, stands)
+    segment = stations(town, network, tuple(sensors[number] for number in np.concatenate(stands)), venue.pairing)
     width = np.asarray(network.width)[segment]
     # Whoever passes in an hour is in sight of a metre of street for 1 / FREE_SPEED seconds.
     per_count = venue.crowding / (HOUR * FREE_SPEED * width)
@@ -91,16 +97,24 @@ def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float)
     return flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)
 
 
+def sensors_of(venue: Venue) -> tuple[Sensor, ...]:
+    """The sensors of a venue: those that it names, or all that were counted."""
+    return venue.sensors or tuple(map(Sensor, counts_of(venue.counts).sensors))
+
+
+def places_of(sensors: tuple[Sensor, ...], places: int) -> list[Int[np.ndarray, " stand"]]:
+    """Numbers of the sensors that stand somewhere: all of them once, and those without a place as often as is asked."""
+    without = np.array([number for number, sensor in enumerate(sensors) if sensor.place is None], int)
+    return [np.arange(len(sensors)), *([without] * (places - 1) if len(without) else [])]
+
+
 def in_several_places(
-    model: SensorModel, record: Float[np.ndarray, "week 168 sensor"], sensors: tuple[Sensor, ...], places: int
-) -> tuple[SensorModel, Float[np.ndarray, "week 168 stand"], tuple[Sensor, ...]]:
-    """Sensors without a place stand in several, with innovations and recorded weeks of their own in each of them."""
-    once = np.arange(len(sensors))
-    without = np.array([number for number in once if sensors[number].place is None], int)
-    copies = [once, *[without] * (places - 1)] if len(without) else [once]
+    model: SensorModel, record: Float[np.ndarray, "week 168 sensor"], stands: list[Int[np.ndarray, " stand"]]
+) -> tuple[SensorModel, Float[np.ndarray, "week 168 every"]]:
+    """Sensors that stand in several places have innovations and recorded weeks of their own in each of them."""
     correlation = np.asarray(model.together @ model.together.T)
-    together = block_diag(*(np.linalg.cholesky(correlation[np.ix_(stands, stands)]) for stands in copies))
-    every = np.concatenate(copies)
+    together = block_diag(*(np.linalg.cholesky(correlation[np.ix_(some, some)]) for some in stands))
+    every = np.concatenate(stands)
     several = SensorModel(
         model.usual[:, every],
         model.weekly[every],
@@ -108,10 +122,45 @@ def in_several_places(
         model.memory[every],
         jnp.asarray(together, jnp.float32),
     )
-    weeks = [
-        np.roll(record[..., stands], -(copy * len(record) // places), axis=0) for copy, stands in enumerate(copies)
-    ]
-    return several, np.concatenate(weeks, axis=-1), tuple(sensors[number] for number in every)
+    later = len(record) / len(stands)
+    weeks = [np.roll(record[..., some], -int(later * copy), axis=0) for copy, some in enumerate(stands)]
+    return several, np.concatenate(weeks, axis=-1)
+
+
+def with_live_counts(venue: Venue, flow: SensorFlow, table: CountTable, departure: datetime) -> tuple[SensorFlow, int]:
+    """Crowds that go on from current counts, and how many sensors these are of.
+
+    Counts are as the sensors count them: ``Venue.crowding`` is multiplied onto them as onto those that crowds are
+    fitted to. Of ``table`` the last hour matters; sensors without a count in it are not known.
+
+    Raises
+    ------
+    ScenarioError
+        Sensors that the venue does not have, counts of another hour than that of the departure or the one before it,
+        no count at all.
+    """
+    sensors = sensors_of(venue)
+    names = [sensor.name for sensor in sensors]
+    for name in table.sensors:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(map(repr, names))}"
+            raise ScenarioError(f"{table.source}: no sensor {reprlib.repr(name)} in this place; {hint}")
+    counted, leaves = table.times[-1], np.datetime64(departure, "h")
+    if counted not in (leaves, leaves - 1):
+        raise ScenarioError(
+            f"{table.source}: the last counts are of the hour from {counted}:00, but the departure is "
+            f"{departure.isoformat(timespec='minutes')}; they must be of the hour of the departure or the one before"
+        )
+    last = np.array([table.series(name)[-1] if name in table.sensors else np.nan for name in names])
+    known = int(np.isfinite(last).sum())
+    if not known:
+        raise ScenarioError(f"{table.source}: nothing was counted in the last hour, from {counted}:00")
+    usual = np.asarray(flow.model.usual)[hour_of_week(table.times[-1:])[0]]
+    since = (np.datetime64(departure, "s") - counted.astype("datetime64[s]")).astype(float) / HOUR - 0.5
+    residual = np.log1p(last)[np.concatenate(places_of(sensors, venue.places))] - usual
+    counts = Known(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
+    return replace(flow, known=counts, record=None), known
 
 
 def _none(leaf: object) -> bool:

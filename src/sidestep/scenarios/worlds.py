@@ -11,7 +11,8 @@ from jaxtyping import Array, Float, Int, Key
 from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.knowledge import WINDOW, live_to_go, usual_to_go
 from sidestep.environment.types import EnvParams, Instance, LiveToGo, Seen, UsualToGo, walking_speeds
-from sidestep.flow.field import Field, FlowModel
+from sidestep.flow.field import Field, FlowModel, SensedField
+from sidestep.flow.sensors import SensorFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.catalogue import GOLDEN, LAWS, Scenario, ScenarioError
 from sidestep.scenarios.maps import CrowdedMap, Purpose, purpose_key
@@ -115,12 +116,45 @@ def _futures(
     if usual is None:
         return speeds, None
 
+    return speeds, _live(scenario, network, flow, speeds, drawn, usual)
+
+
+def _live(
+    scenario: Scenario, network: RoadNetwork, flow: FlowModel, speeds: Speeds, drawn: Field, usual: UsualToGo
+) -> LiveToGo:
     def ahead(
         now: Float[Array, " counter"], slot: Int[Array, ""], crowd: Int[Array, ""]
     ) -> Float[Array, "segment window"]:
-        return law.speed(drawn.with_counted(flow.ahead(now, slot, WINDOW, crowd)).density(network)).T
+        return LAWS[scenario.law].speed(drawn.with_counted(flow.ahead(now, slot, WINDOW, crowd)).density(network)).T
 
-    return speeds, live_to_go(network, speeds, drawn.counted, ahead, usual, scenario.rule)
+    return live_to_go(network, speeds, drawn.counted, ahead, usual, scenario.rule)
+
+
+@partial(jax.jit, static_argnames=("scenario", "slots", "forecasts"))
+def see_counts(
+    scenario: Scenario, flow: SensorFlow, params: EnvParams, slots: int, *, forecasts: bool = True
+) -> EnvParams:
+    """The same crowds for walkers of level ``live``, who are shown counts and forecasts of the first slots only.
+
+    Forecasts take much longer than all else, so that it pays to leave out slots in which everybody has arrived. After
+    the last of them walkers see what they saw in it. Without ``forecasts`` these are zero, for walkers who do not look
+    at them. ``params`` is of level ``map`` at least.
+    """
+    crowds = params.crowds
+    if not isinstance(crowds, SensedSpeeds) or params.usual is None:
+        raise ValueError("only crowds that spread from sensors can be seen for some slots, by level map or live")
+    density = crowds.density[:, :slots]
+    live = _live(
+        scenario,
+        params.network,
+        flow,
+        replace(crowds, density=density),
+        SensedField(density, crowds.spread, crowds.slot_seconds),
+        params.usual,
+    )
+    if not forecasts:  # the compiler then leaves out what they take
+        live = LiveToGo(jnp.zeros_like(live.forecast), live.snapshot)
+    return replace(params, live=live, level="live")
 
 
 def _expected(flow: FlowModel, slots: int) -> Field:
