@@ -159,7 +159,7 @@ def test_an_unknown_sensor(counted) -> None:
 def flat(level: float, sensors: int = 1) -> SensorModel:
     """The same level in every hour."""
     ones = jnp.ones(sensors)
-    return SensorModel(jnp.full((WEEK, sensors), level), all_day(0.3 * ones), 0.5 * ones, jnp.eye(sensors))
+    return SensorModel(jnp.full((WEEK, sensors), level), 0.0 * ones, all_day(0.3 * ones), 0.5 * ones, jnp.eye(sensors))
 
 
 def all_day(deviation: jax.Array) -> jax.Array:
@@ -222,7 +222,7 @@ ALL_EARS = Spread(jnp.array([[0, 1]]), jnp.array([[0.5, 0.5]]))
 
 def sensor_flow(start: list[float], slot_seconds: float = HOUR / 2, deviation: float = 0.0, **changes) -> SensorFlow:
     usual = jnp.asarray(np.stack([np.tile(DAY, 7), np.full(WEEK, math.log(100))], axis=1), jnp.float32)
-    model = SensorModel(usual, jnp.full((24, 2), deviation), jnp.array([0.5, 0.5]), jnp.eye(2))
+    model = SensorModel(usual, jnp.zeros(2), jnp.full((24, 2), deviation), jnp.array([0.5, 0.5]), jnp.eye(2))
     flow = SensorFlow(model, ALL_EARS, jnp.array([1.0, 0.005]), jnp.array(start, float), slot_seconds)
     return replace(flow, **changes)
 

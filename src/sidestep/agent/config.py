@@ -46,6 +46,7 @@ class TrainConfig:
     goals: int = 1  # destinations to learn, the scenario's own first
     crowds: int = 64  # futures that training walks meet; the test walks have their own
     fresh_crowds: int = 0  # how many of them are replaced by others after every round
+    huber: float = 0.0  # beyond it errors count in proportion, not by their squares; in units of reward, 0: never
     test_walks: int = 10  # greedy walks after every round, as in the paper
 
     def __post_init__(self) -> None:
@@ -68,7 +69,7 @@ class TrainConfig:
             raise TrainConfigError(
                 f"n_step must be at most the {self.iterations} iterations of a round, not {self.n_step}"
             )
-        for name in ("places", "fresh_crowds"):
+        for name in ("places", "fresh_crowds", "huber"):
             if getattr(self, name) < 0:
                 raise TrainConfigError(f"{name} must not be negative, not {getattr(self, name)}")
         for name in ("round_steps", "capacity"):
@@ -170,10 +171,15 @@ def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> T
     config = preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
     if scenario.venue is None:
         return config
+    # Streets are short, and jams make some walks many times longer than most: hence long returns, small steps, and errors
+    # that do not count by their squares.
+    config = replace(config, rounds=60, n_step=16, huber=1.0, learning_rate=2e-4, epsilon=0.02, test_walks=32)
     # Crowds are for goals in turn, old ones and those that replace them alike, so their numbers are multiples of it.
     goals = min(32, len(scenario.venue.destinations) or 32)
     fresh = 32 // goals * goals
-    return replace(config, goals=goals, crowds=2 * fresh, fresh_crowds=fresh, test_walks=32)
+    if config.level == "live":  # forecasts take too long to be renewed
+        return replace(config, goals=goals, crowds=3 * fresh, fresh_crowds=0, learning_rate=1e-4, rounds=40)
+    return replace(config, goals=goals, crowds=2 * fresh, fresh_crowds=fresh)
 
 
 # Each of a gradient step's 64 transitions, the latest of each walker, changes its number by 1/64 of its error: where

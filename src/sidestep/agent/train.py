@@ -273,8 +273,20 @@ def shown(config: TrainConfig, state: TrainState) -> QNetwork:
 
 
 def greedy(network: QNetwork) -> Decide:
-    """The decision rule of a trained network: the valid exit of the highest value."""
-    return lambda observation, _key: jnp.argmax(mask(network(observation), observation.valid))
+    """The decision rule of a trained network: the valid exit of the highest value.
+
+    Where crowds spread from sensors, streets are short and alike, and a correction that is learned may lead in circles
+    where estimates never do: so whoever comes back to a crossing follows the level's estimate there.
+    """
+
+    def decide(observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
+        value = network(observation)
+        local, usual, estimate = observation.local, observation.usual, observation.estimate
+        if local is not None and usual is not None and usual.surprise is not None and estimate is not None:
+            value = jnp.where(local.again, -estimate, value)
+        return jnp.argmax(mask(value, observation.valid))
+
+    return decide
 
 
 def _iterate(
@@ -294,7 +306,9 @@ def _iterate(
 
     def loss(network: QNetwork) -> tuple[Float[Array, ""], Float[Array, " batch"]]:
         td_error = jax.vmap(partial(_td_error, config, network, state.target))(batch)
-        return jnp.mean(weight * td_error**2), td_error
+        # Twice the Huber loss is the square, as far as it goes.
+        losses = 2 * optax.huber_loss(td_error, delta=config.huber) if config.huber else td_error**2
+        return jnp.mean(weight * losses), td_error
 
     (mean_loss, td_error), gradient = jax.value_and_grad(loss, has_aux=True)(state.network)
     replay = memory.reprioritise(replay, place, td_error, config.alpha, config.priority_floor)

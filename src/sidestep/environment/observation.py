@@ -40,6 +40,7 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
         onward=goal - network.position[onto],
         length=length,
         crossing=length / params.crowds.at(state.instance.crowd, segment, _slot(params, state)),
+        again=(state.trail == state.node).any(),
         left=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + TRAIL),
     )
     straight = jnp.linalg.norm(local.onward, axis=1) / FREE_SPEED

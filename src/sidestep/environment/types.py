@@ -88,6 +88,7 @@ class Local(eqx.Module):
     onward: Float[Array, "exit 2"]  # m, from each next node to the destination
     length: Float[Array, " exit"]  # m
     crossing: Float[Array, " exit"]  # s to cross each exit at the speed that is seen on it now
+    again: Bool[Array, ""]  # whether this crossing is remembered, having been left before
     left: Int[Array, " exit"]  # crossings since each next node was left; TRAIL + 1 where it is not remembered
 
 

@@ -217,7 +217,7 @@ class SensorFlow(eqx.Module):
     def ahead(
         self, now: Float[Array, " sensor"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0
     ) -> Float[Array, "slots sensor"]:
-        """Mean densities of this and the next slots, given those of this one: a surprise stays in part, the rest fades."""
+        """Mean densities of this and the next slots, given those of this one; a part of the surprise fades."""
         start, after = self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots)
         usual, deviation = self._usual(start, after)
         fading = self.model.memory ** (jnp.arange(slots)[:, None] * (self.slot_seconds / HOUR))

@@ -69,7 +69,6 @@ def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> Tow
     town = town_of(venue.streets)
     network = town.network()
     origins, ends = (crossings(town, name, getattr(venue, name)) for name in ("origins", "destinations"))
-    check_ways(network, origins, ends)
     if venue.tabled:
         crowds = load_crowd_table(venue.counts)
         flow = table_flow(venue, crowds, town, network, slot_seconds=slot_seconds, law=law)

@@ -16,6 +16,7 @@ from sidestep.flow.sensors import SensorFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.catalogue import GOLDEN, LAWS, Scenario, ScenarioError
 from sidestep.scenarios.maps import CrowdedMap, Purpose, purpose_key
+from sidestep.scenarios.towns import check_ways
 from sidestep.travel_time import SensedSpeeds, Speeds
 
 
@@ -206,8 +207,17 @@ def _only_origin(place: CrowdedMap) -> tuple[int, ...]:
 
 
 def set_out(scenario: Scenario, place: CrowdedMap, goals: Int[np.ndarray, "goal part"], first: int = 0) -> CrowdedMap:
-    """The place at the hours of the week at which people set out for each goal, where the scenario has such hours."""
-    return place if scenario.venue is None else place.beginning(scenario.venue.starts(len(goals), first))
+    """The place at the hours of the week at which people set out for each goal, where the scenario has such hours.
+
+    Raises
+    ------
+    ScenarioError
+        A venue where somebody may come to a crossing from which there is no way on.
+    """
+    if scenario.venue is None:
+        return place
+    check_ways(place.network, place.origins, place.ends)
+    return place.beginning(scenario.venue.starts(len(goals), first))
 
 
 def anywhere_to_anywhere(place: CrowdedMap, walks: int, part: int) -> Int[np.ndarray, "goal 1"]:
