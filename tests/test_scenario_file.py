@@ -127,7 +127,9 @@ level = "live"
 
 def test_defaults_are_those_of_helsinki_without_the_event(write, tmp_path) -> None:
     found = load_scenario(write(HELSINKI))
-    assert found.venue == dataclasses.replace(BUILT_IN["helsinki"].venue, crowding=1.0, reach=150.0, places=1)
+    assert found.venue == dataclasses.replace(
+        BUILT_IN["helsinki"].venue, crowding=1.0, uneven=0.0, reach=150.0, places=1
+    )
     assert (found.venue.fitted, found.venue.tested) == (TRAIN, TEST)
     expected = dataclasses.replace(BUILT_IN["helsinki"], name=tmp_path.name, summary="", venue=found.venue)
     assert found == expected
@@ -145,7 +147,7 @@ def test_the_template_is_helsinki_and_names_every_field(tmp_path) -> None:
     for table, fields in _FIELDS.items():
         assert table == "sensors" or set(values[table]) == set(fields)
     text = re.sub(r"#.*", "", file.read_text())
-    ours = re.compile(r'^(crowding|reach|places) =|= "paired"')
+    ours = re.compile(r'^(crowding|uneven|reach|places) =|= "paired"')
     bare = "\n".join(line for line in text.splitlines() if not ours.search(line))
     # What it says the defaults are, they are.
     file.write_text(bare)
@@ -398,7 +400,9 @@ def test_goals_to_learn_and_to_compare(somewhere) -> None:
     venue = dataclasses.replace(scenario.venue, destinations=(1, 2, 3))
     for level in ("local", "map", "live"):
         config = preset_for(dataclasses.replace(scenario, venue=venue), "default", level)
-        assert (config.goals, config.crowds, config.fresh_crowds) == (3, 60, 30)
+        # at level live they are not renewed
+        crowds, fresh = (90, 0) if level == "live" else (60, 30)
+        assert (config.goals, config.crowds, config.fresh_crowds) == (3, crowds, fresh)
     assert preset_for(BUILT_IN["helsinki"], "default").goals == 32
 
 

@@ -12,7 +12,7 @@ from sidestep.agent.checkpoint import TrainingRun
 from sidestep.agent.config import TrainConfigError, preset_for
 from sidestep.agent.train import learned_place, prepare
 from sidestep.flow.profile import hour_of_week
-from sidestep.flow.sensors import recorded_weeks
+from sidestep.flow.sensors import fit_sensors, recorded_weeks
 from sidestep.network.snap import Snapper
 from sidestep.scenarios import towns
 from sidestep.scenarios.catalogue import Scenario, ScenarioError, Sensor, Venue, scenario
@@ -122,14 +122,14 @@ def test_sensors_with_a_place_stand_there(place) -> None:
 def test_the_town_has_its_streets_and_crowds(place) -> None:
     town = town_of("helsinki")
     assert (place.network.nodes, place.parts) == (town.nodes, (town.nodes,))
-    assert place.flow.model.usual.shape == (168, 16)
+    assert place.flow.model.usual.shape == (168, 160)  # 16 sensors, in ten places each
     weight = np.asarray(place.flow.spread.weight)
     assert weight.shape == (place.network.segments, 4)
     assert weight.sum(axis=1).max() <= 1 + 1e-6
-    # Of each person an hour 1 / (3,600 s * 1.34 m/s * width) are on a square metre, a hundredfold.
-    segment = stations(town, place.network, VENUE.sensors, VENUE.pairing)
+    # Of each person an hour 1 / (3,600 s * 1.34 m/s * width) are on a square metre, 120 times.
+    segment = stations(town, place.network, VENUE.sensors * 10, VENUE.pairing)
     width = np.asarray(place.network.width)[segment]
-    np.testing.assert_allclose(place.flow.per_count, 100 / (3600 * FREE_SPEED * width), rtol=1e-6)
+    np.testing.assert_allclose(place.flow.per_count, 120 / (3600 * FREE_SPEED * width), rtol=1e-6)
 
 
 def test_walks_are_tested_in_weeks_that_were_not_fitted(place) -> None:
@@ -139,12 +139,16 @@ def test_walks_are_tested_in_weeks_that_were_not_fitted(place) -> None:
     assert place.flow_for("learn").record is place.flow_for("explore").record is None
     record = np.asarray(place.flow_for("test").record)
     names = [sensor.name for sensor in VENUE.sensors]
-    np.testing.assert_array_equal(record, recorded_weeks(place.flow.model, tested, names))
+    # In its first place each sensor has its own weeks; in the tenth those nine tenths of eleven weeks, nine, later.
+    alone = recorded_weeks(fit_sensors(fitted, names), tested, names)
+    assert alone.shape == (11, 168, 16)
+    np.testing.assert_array_equal(record[..., :16], alone)
+    np.testing.assert_array_equal(record[0, :, 144:], alone[9])
     # The second week's Wednesday noon: Monday, 10 March 2025 and 9 days.
     noon = np.datetime64("2025-03-19T12", "h")
     (row,) = np.flatnonzero(tested.times == noon)
     assert hour_of_week(tested.times)[row] == 60
-    counts = np.expm1(record[1, 60] + np.asarray(place.flow.model.usual)[60])
+    counts = np.expm1(record[1, 60] + np.asarray(place.flow.model.usual)[60])[:16]
     np.testing.assert_allclose(counts, [tested.series(name)[row] for name in names], rtol=1e-3)
 
 
@@ -190,8 +194,8 @@ def test_an_environment_expects_each_goal_at_its_hour(learned) -> None:
     assert isinstance(params.crowds, SensedSpeeds)
     assert isinstance(params.expected, SensedSpeeds)
     # (300 + 1,200 s) / 300 s = 5 slots
-    assert params.crowds.density.shape == (7, 5, 16)
-    assert params.expected.density.shape == (2, 5, 16)
+    assert params.crowds.density.shape == (7, 5, 160)
+    assert params.expected.density.shape == (2, 5, 160)
     assert here.flow.start.tolist() == VENUE.starts(2)
     np.testing.assert_allclose(params.expected.density, jax.jit(lambda f: f.expected(5).sensed)(here.flow), rtol=1e-4)
 

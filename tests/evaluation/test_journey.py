@@ -131,8 +131,9 @@ def test_turn_by_turn(journey) -> None:
     assert found["metres"] == pytest.approx(300, abs=0.1)
     assert found["mean_density"] == pytest.approx(0.5 * quay / (free + quay), abs=0.01)
     assert (found["arrives"], found["arrival_rate"], found["arrive_by"], found["futures"]) == (True, 1, 1, 7)
-    # counts never vary, so every future is as expected
-    assert found["median_minutes"] == found["p90_minutes"] == pytest.approx(found["expected_minutes"], rel=1e-4)
+    # counts hardly vary, so every future is as expected
+    for minutes in ("median_minutes", "p90_minutes"):
+        assert found[minutes] == pytest.approx(found["expected_minutes"], rel=1e-4)
     assert (found["departs"], found["hour_of_week"]) == ("Saturday 2025-05-24 12:30", 5 * 24 + 12.5)
     assert found["origin"]["metres_away"] == pytest.approx(4, abs=0.01)
     assert found["crowds"].startswith("counts of ")

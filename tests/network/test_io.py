@@ -234,7 +234,7 @@ def test_helsinki() -> None:
     town = load_helsinki()
     assert town is load_helsinki()
     assert "OpenStreetMap contributors" in town.attribution
-    assert 1000 < town.nodes < 1500
+    assert 900 < town.nodes < 1000
     assert 80 < town.kilometres < 100
     network = town.network()
     assert network.exits <= 10

@@ -171,7 +171,7 @@ def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> T
     config = preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
     if scenario.venue is None:
         return config
-    # Streets are short, and jams make some walks many times longer than most: hence long returns, small steps, and errors
+    # Streets are short, and jams make some walks many times longer than most: hence long returns, small steps, errors
     # that do not count by their squares.
     config = replace(config, rounds=60, n_step=16, huber=1.0, learning_rate=2e-4, epsilon=0.02, test_walks=32)
     # Crowds are for goals in turn, old ones and those that replace them alike, so their numbers are multiples of it.

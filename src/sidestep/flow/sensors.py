@@ -23,7 +23,7 @@ from sidestep.network.spread import Spread
 
 HOUR = 3600.0
 MOST_MEMORY = 0.99  # of the residuals from hour to hour; one that never fades has no stationary deviation
-LEAST_DEVIATION = 0.01  # of a logarithm
+LEAST_DEVIATION = 0.001  # of a logarithm
 WILDEST = 4.0  # deviations
 _NORMAL_QUARTILES = 1.349  # between the quartiles of a standard normal number
 FEWEST_HOURS = 4 * HOURS_OF_WEEK  # counted hours to fit to

@@ -82,7 +82,8 @@ def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario file, and make sure that its streets, counts, sensors and places are there.
 
     Fields that the file leaves out are as in the built-in scenario ``helsinki``, but without an event
-    (``crowding`` is 1, ``places`` is 1, ``reach`` is 150). Files that it names are looked for from its own folder.
+    (``crowding`` is 1, ``uneven`` is 0, ``places`` is 1, ``reach`` is 150). Files that it names are looked for from its
+    own folder.
 
     Raises
     ------
@@ -429,6 +430,7 @@ _FIELDS: dict[str, dict[str, _Field]] = {
     "sensors": {},
     "demand": {
         "crowding": _Field("venue", "crowding", _number),
+        "uneven": _Field("venue", "uneven", _number),
         "reach": _Field("venue", "reach", _number),
         "days": _Field("venue", "days", _days),
         "hours": _Field("venue", "hours", _hours),

@@ -80,7 +80,7 @@ tested = [2025-03-10, 2025-06-01]
 pairing = 0
 # Streets that each "paired" sensor stands on, each with weeks of its own. 1 by default,
 # and wherever sensors have places.
-places = 4
+places = 10
 
 [sensors]
 # Where the sensors stand: "name, as in the counts" = [latitude, longitude], in degrees, at most 250 m from a street.
@@ -89,11 +89,13 @@ places = 4
 SENSORS
 
 [demand]
-# How many people walk for each that was counted; 1 by default. 100 is an event day: this town has wider streets, and
-# fewer people on them, than the sensors' own.
-crowding = 100
+# How many people walk for each that was counted; 1 by default. 120 is an invented event day.
+crowding = 120
+# How unevenly they do: the standard deviation of the logarithm of demand from place to place, drawn anew for every
+# future, since nobody knows beforehand where an event's crowds go. 0 by default.
+uneven = 0.5
 # Metres of walking in which the crowd at a sensor falls to 37 % (1/e). 150 by default.
-reach = 80
+reach = 40
 # Days on which people walk: names in a list, ["Mon", "Sat"], or a span. "Mon-Sun" by default.
 days = "Mon-Sun"
 # Hours of the day between which they set out, 0 to 24. [10, 20] by default.
