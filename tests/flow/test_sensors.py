@@ -12,7 +12,7 @@ import pytest
 from sidestep.flow.arima import SeriesError
 from sidestep.flow.counts import CountsError, CountTable
 from sidestep.flow.field import FlowModel, SensedField
-from sidestep.flow.sensors import FEWEST_HOURS, SensorFlow, SensorModel, fit_sensors, recorded_weeks
+from sidestep.flow.sensors import FEWEST_HOURS, LEAST_DEVIATION, SensorFlow, SensorModel, fit_sensors, recorded_weeks
 from sidestep.network.spread import Spread
 
 HOUR = 3600.0
@@ -108,19 +108,89 @@ def test_the_hours_of_the_week_are_those_of_the_wall_clock(counted) -> None:
 
 
 def test_a_usual_week_is_the_mean_of_logarithms() -> None:
-    # 0 and 8 persons in turn of weeks: log 1 and log 9, in the mean log 3; these are the quartiles as well.
+    # 0 and 8 persons in turn of weeks: log 1 and log 9, in the mean log 3; these are the quartiles as well. It is the
+    # weeks that differ; their hours do not, and get the least deviation.
     counts = np.repeat([0.0, 8, 0, 8], WEEK)[:, None]
     model = fit_sensors(table(counts))
     np.testing.assert_allclose(model.usual, np.full((WEEK, 1), math.log(3)), rtol=1e-6)
-    np.testing.assert_allclose(model.deviation, np.full((24, 1), math.log(9) / 1.349), rtol=1e-6)
+    np.testing.assert_allclose(model.weekly, [math.log(9) / 1.349], rtol=1e-6)
+    np.testing.assert_allclose(model.deviation, np.full((24, 1), LEAST_DEVIATION), rtol=1e-6)
+
+
+def test_a_week_has_a_level_if_half_of_it_was_counted() -> None:
+    # Logarithms of 0, 1, 2 and 3, and of 9 in the last week, of which some hours only were counted. Of all five weeks
+    # quartiles are 1 and 3 (less what is usual); of the first four they are 0.75 and 2.25.
+    for counted_hours, apart in ((84, 2.0), (83, 1.5)):
+        logs = np.repeat([0.0, 1, 2, 3, 9], WEEK)[:, None]
+        logs[4 * WEEK + counted_hours :] = np.nan
+        assert fit_sensors(table(np.expm1(logs))).weekly[0] == pytest.approx(apart / 1.349, rel=1e-5)
 
 
 def test_memory_ends_before_one_and_is_not_negative() -> None:
-    # A sensor that jumps once; one whose residual changes its sign every hour (an even week, so by turns of weeks too).
-    jump = np.repeat([0.0, 8], 100 * WEEK)
+    # A sensor whose days go up by steps of one from -3 to 3 in a week and down again in the next: squares of
+    # 24 * 28 = 672 a week, and six steps of one, so that neighbours have 672 - 3 and the memory would be .9955. One
+    # whose residual changes its sign every hour (an even week, so by turns of weeks too).
+    steps = np.repeat(np.tile([-3, -2, -1, 0, 1, 2, 3, 3, 2, 1, 0, -1, -2, -3], 100), 24)
     sign = (-1.0) ** (np.arange(200 * WEEK) + np.arange(200 * WEEK) // WEEK)
-    model = fit_sensors(table(np.stack([jump, 10 + 5 * sign], axis=1)))
+    model = fit_sensors(table(np.stack([np.expm1(5 + steps / 10), 10 + 5 * sign], axis=1)))
     assert model.memory.tolist() == pytest.approx([0.99, 0])
+
+
+LONG = 600  # weeks
+WEEKLY, NIGHT, NOON, REMEMBERED = 0.3, 0.4, 0.2, 0.7
+
+
+@pytest.fixture(scope="module")
+def nightly() -> np.ndarray:
+    """Weeks that differ as a whole, and hours beyond that, in the first half of the day twice as much."""
+    rng = np.random.default_rng(6)
+    residual = [rng.standard_normal(LONG)]
+    for innovation in rng.standard_normal((WEEK - 1, LONG)) * math.sqrt(1 - REMEMBERED**2):
+        residual.append(REMEMBERED * residual[-1] + innovation)
+    logs = USUAL[:, 0] + WEEKLY * rng.standard_normal(LONG)[:, None] + np.stack(residual, axis=1) * every_hour()
+    return np.expm1(logs.reshape(-1, 1))
+
+
+def every_hour() -> np.ndarray:
+    return np.where(np.arange(WEEK) % 24 < 12, NIGHT, NOON)
+
+
+def test_whole_weeks_and_hours_of_the_day_deviate(nightly) -> None:
+    model = fit_sensors(table(nightly))
+    hour = np.arange(WEEK)
+    covariance = REMEMBERED ** abs(hour[:, None] - hour) * every_hour() * every_hour()[:, None]
+    # The mean of a week's residuals is one of its difference: about (1 + .7) / (1 - .7) / 168 of the square of their
+    # mean deviation, .09, adds to .3^2.
+    mean = covariance.mean()
+    assert mean == pytest.approx(0.09 * 1.7 / 0.3 / WEEK, rel=0.1)
+    weekly = math.sqrt(WEEKLY**2 + mean)
+    # Quartiles of n numbers tell a deviation but for 1.17 / sqrt n of it.
+    near(model.weekly[0], weekly, 1.17 * weekly / math.sqrt(LONG))
+    # What is left does not have this mean any more.
+    left = covariance - covariance.mean(axis=0) - covariance.mean(axis=1)[:, None] + mean
+    deviation = np.sqrt(np.diag(left).reshape(7, 24).mean(axis=0))
+    assert deviation == pytest.approx(every_hour()[:24], rel=0.06)
+    near(model.deviation[:, 0], deviation, 1.17 * deviation / math.sqrt(7 * LONG))
+    # Neighbours, but not of two weeks, in units of their deviations
+    units = left / np.tile(deviation, 7) / np.tile(deviation, 7)[:, None]
+    memory = np.diag(units, 1).sum() / np.trace(units)
+    assert memory == pytest.approx(REMEMBERED, abs=0.02)
+    near(model.memory[0], memory, math.sqrt((1 - memory**2) / WEEK / LONG))
+
+
+def test_a_broken_sensor_hardly_changes_how_much_counts_vary(nightly) -> None:
+    # Nothing for three of three hundred weeks, from a Thursday on: two whole ones and two halves. Squares would make
+    # it sqrt(.3^2 + (2 * 5^2 + 2 * 2.5^2) / 300) = .55 for weeks; of quartiles it is a hundredth of the ranks.
+    counts = nightly[: 300 * WEEK].copy()
+    whole = fit_sensors(table(counts))
+    counts[40 * WEEK + 84 : 43 * WEEK + 84] = 0
+    broken = fit_sensors(table(counts))
+    np.testing.assert_allclose(broken.weekly, whole.weekly, rtol=0.07)
+    np.testing.assert_allclose(broken.deviation, whole.deviation, rtol=0.07)
+    # The hours of these halves are 2.5 below the mean of their week or above it: by more than four deviations, and
+    # taken for as many. They are a 150th of all and add 16 / 150 = .11 squares to 1, all remembered:
+    # (.68 + .11) / 1.11 = .71; with what they are, ten deviations of 1/4, it would be (.68 + .67) / 1.67 = .81.
+    np.testing.assert_allclose(broken.memory, whole.memory, atol=0.06)
 
 
 def test_sensors_that_always_count_alike_can_be_drawn_together(counted) -> None:
@@ -220,9 +290,11 @@ DAY = np.array([2, 4, 6, 8] + [10] * 20) * math.log(2)
 ALL_EARS = Spread(jnp.array([[0, 1]]), jnp.array([[0.5, 0.5]]))
 
 
-def sensor_flow(start: list[float], slot_seconds: float = HOUR / 2, deviation: float = 0.0, **changes) -> SensorFlow:
+def sensor_flow(
+    start: list[float], slot_seconds: float = HOUR / 2, deviation: float = 0.0, weekly: float = 0.0, **changes
+) -> SensorFlow:
     usual = jnp.asarray(np.stack([np.tile(DAY, 7), np.full(WEEK, math.log(100))], axis=1), jnp.float32)
-    model = SensorModel(usual, jnp.zeros(2), jnp.full((24, 2), deviation), jnp.array([0.5, 0.5]), jnp.eye(2))
+    model = SensorModel(usual, jnp.full(2, weekly), jnp.full((24, 2), deviation), jnp.array([0.5, 0.5]), jnp.eye(2))
     flow = SensorFlow(model, ALL_EARS, jnp.array([1.0, 0.005]), jnp.array(start, float), slot_seconds)
     return replace(flow, **changes)
 
@@ -339,6 +411,42 @@ def test_expected_is_the_mean_of_many_draws() -> None:
     near(found.mean(axis=0), np.asarray(expected(flow))[0], found.std(axis=0) / math.sqrt(MANY))
 
 
+# Weeks deviate by .3, hours by .2 from noon to midnight and .4 before, and demand by .5 from place to place.
+LASTING = 0.3**2 + 0.5**2
+
+
+@pytest.fixture(scope="module")
+def uneven() -> SensorFlow:
+    """From 11:00 on in slots of half an hour, whose middles are a quarter and three quarters past."""
+    deviation = jnp.where(jnp.arange(24)[:, None] < 12, 0.4, 0.2) * jnp.ones(2)
+    model = replace(flat(6.0, 2), weekly=jnp.full(2, 0.3), deviation=deviation)
+    return SensorFlow(model, ALL_EARS, jnp.ones(2), jnp.full(2, 11.0), HOUR / 2, uneven=0.5)
+
+
+def test_what_lasts_is_drawn_once_for_each_crowd(uneven) -> None:
+    logs = np.log1p(np.asarray(draw(uneven), np.float64))  # 11:15, 11:45, 12:15, 12:45
+    # Deviations in the middles of hours are .4 at 10:30 and 11:30, .2 at 12:30 and later, .25 at 12:15 and .35 at
+    # 11:45. All are a quarter of an hour from a middle: 1 - 2 * 3 / 16 / 2 = .8125 of their squares is left.
+    variance = LASTING + 0.8125 * np.array([0.4, 0.35, 0.25, 0.2])[:, None] ** 2
+    near(logs.mean(axis=0), 6 - 0.125, np.sqrt(variance / MANY))
+    near(logs.var(axis=0), variance, variance * math.sqrt(2 / MANY))
+    # 11:45 and 12:15 are of the same two middles: 3/4 and 1/4 of one, 1/4 and 3/4 of the other, so that
+    # 3/16 + 3/16 + (9/16 + 1/16) / 2 = .6875 of the product of their deviations goes together.
+    covariance = LASTING + 0.6875 * 0.35 * 0.25
+    error = math.sqrt((float(variance[1, 0] * variance[2, 0]) + covariance**2) / MANY)
+    near(np.cov(logs[:, 1, 0], logs[:, 2, 0])[0, 1], covariance, error)
+    # What lasts is of one sensor, not of all.
+    near(np.corrcoef(logs[:, 0].T)[0, 1], 0, 1 / math.sqrt(MANY))
+
+
+def test_uneven_demand_is_as_large_in_the_mean(uneven) -> None:
+    found, mean = np.asarray(draw(uneven), np.float64), np.asarray(expected(uneven))[0]
+    near(found.mean(axis=0), mean, found.std(axis=0) / math.sqrt(MANY))
+    np.testing.assert_allclose(mean, expected(replace(uneven, uneven=0.0))[0], rtol=1e-5)
+    # .09 of weeks, and .8125 of .4^2 at 11:15
+    assert mean[0, 0] == pytest.approx(math.expm1(6 + (0.09 + 0.13) / 2), rel=1e-4)
+
+
 def test_the_same_key_draws_the_same() -> None:
     flow = sensor_flow([1.25, 2.0], HOUR, deviation=0.4)
     first, again, other = (np.asarray(draw(flow, key)) for key in (KEY, KEY, jax.random.key(2)))
@@ -386,6 +494,26 @@ def test_after_a_recorded_week_comes_the_next() -> None:
         np.testing.assert_allclose(row, first if row[0] < 2 else last, atol=2e-4)
 
 
+def test_recorded_weeks_are_uneven_too(uneven) -> None:
+    # By .5, but do not differ as a whole beyond what was recorded: by the number of the week, and .3.
+    record = jnp.broadcast_to(jnp.array([-0.3, 0.3])[:, None, None], (2, WEEK, 2))
+    flow = replace(uneven, record=record)
+    counts = np.asarray(draw(flow), np.float64) + 1
+    logs = np.log(counts) - 6
+    # The same in all slots: nothing else varies within a week.
+    np.testing.assert_allclose(logs - logs[:, :1], 0, atol=1e-4)
+    variance = 0.5**2 + 0.3**2
+    near(logs[:, 0].mean(axis=0), -0.125, math.sqrt(variance / MANY))
+    # The fourth moment of a sum of these two: 3 * .5^4 + 6 * .5^2 * .3^2 + .3^4
+    fourth = 3 * 0.5**4 + 6 * 0.5**2 * 0.3**2 + 0.3**4
+    near(logs[:, 0].var(axis=0), variance, math.sqrt((fourth - variance**2) / MANY))
+    # The week is the same one for both sensors, what differs from place to place is not.
+    error = math.sqrt((variance**2 + 0.09**2) / MANY)
+    near(np.cov(logs[:, 0].T)[0, 1], 0.09, error)
+    # As many in the mean as without: exp(6) cosh(.3)
+    near(counts[:, 0].mean(axis=0), math.exp(6) * math.cosh(0.3), counts[:, 0].std(axis=0) / math.sqrt(MANY))
+
+
 # --- From the counts of now -----------------------------------------------------------------------------------------
 
 
@@ -402,9 +530,33 @@ def test_ahead_by_hand() -> None:
 
 
 def test_half_an_hour_forgets_less() -> None:
-    # Sensor 1 always has 100 (with one more); now 200. Half an hour later 2^(sqrt .5) = 1.632527 times as many.
-    found = ahead(sensor_flow([1.0, 1.0]), jnp.array([15.0, 0.995]), 0)
-    assert found[:3, 1].tolist() == pytest.approx([0.995, 0.005 * 162.2527, 0.005 * 140.42136], rel=1e-4)
+    # Sensor 1 always has 100 (with one more); now 200. Half an hour later 2^(sqrt .5) = 1.632527 times as many. All
+    # slots have their middle a quarter or three quarters between those of hours, where 1 - 2 * 3 / 16 / 2 = .8125 of
+    # the variance of .16 is left, .13: exp(.13 / 2 * (1 - .5)) = 1.033034 and exp(.13 / 2 * (1 - .25)) = 1.049958
+    # times as many for what may come: 168.6456 and 148.4866, all less one.
+    found = ahead(sensor_flow([1.0, 1.0], deviation=0.4), jnp.array([15.0, 0.995]), 0)
+    assert found[:3, 1].tolist() == pytest.approx([0.995, 0.005 * 167.6456, 0.005 * 147.4866], rel=1e-4)
+
+
+def test_ahead_a_part_of_the_surprise_lasts() -> None:
+    # As above, but weeks deviate by .3: variance .09 + .16 = .25, covariances .09 + .16 / 2^hours = .17 and .13. Now
+    # twice as many; then 2^.68 = 1.602140 times, and exp((.25 - .17^2 / .25) / 2) = exp(.0672) = 1.069509 for what may
+    # come; then 2^.52 = 1.433955 times, and exp((.25 - .13^2 / .25) / 2) = exp(.0912) = 1.095488:
+    # 64 * 1.713503 = 109.66420 and 256 * 1.570881 = 402.14554, all less one.
+    flow = sensor_flow([1.0, 50.0], HOUR, deviation=0.4, weekly=0.3)
+    found = ahead(flow, jnp.array([31.0, 0.495]), 0, slots=20)
+    assert found[:3, 0].tolist() == pytest.approx([31, 108.66420, 401.14554], rel=1e-4)
+    # In the end 2^.36 = 1.283426 times, .09 / .25, and exp((.25 - .09^2 / .25) / 2) = exp(.1088) = 1.114939.
+    assert found[-1, 0] == pytest.approx(1024 * 1.283426 * 1.114939 - 1, rel=1e-4)
+
+
+def test_ahead_where_demand_is_uneven() -> None:
+    # By .4 beyond that: variance .41, covariance .33 an hour later. The median is .08 lower, in logarithms: the
+    # surprise is log 2 + .08, of which .33 / .41 last, and (.41 - .33^2 / .41) / 2 is for what may come.
+    flow = sensor_flow([1.0, 50.0], HOUR, deviation=0.4, weekly=0.3, uneven=0.4)
+    found = ahead(flow, jnp.array([31.0, 0.495]), 0)
+    later = 6 * math.log(2) - 0.08 + 0.33 / 0.41 * (math.log(2) + 0.08) + (0.41 - 0.33**2 / 0.41) / 2
+    assert found[:2, 0].tolist() == pytest.approx([31, math.expm1(later)], rel=1e-4)
 
 
 def test_ahead_starts_now_and_fades_to_the_expected() -> None:

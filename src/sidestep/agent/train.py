@@ -37,6 +37,7 @@ from sidestep.scenarios.worlds import (
 )
 
 QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
+WORTH_SECONDS = 3.0
 BIN_SECONDS = 900.0  # of what is learned of places
 
 
@@ -275,14 +276,19 @@ def shown(config: TrainConfig, state: TrainState) -> QNetwork:
 def greedy(network: QNetwork) -> Decide:
     """The decision rule of a trained network: the valid exit of the highest value.
 
-    Where crowds spread from sensors, streets are short and alike, and a correction that is learned may lead in circles
-    where estimates never do: so whoever comes back to a crossing follows the level's estimate there.
+    Where crowds spread from sensors, streets are short and alike, and corrections that are learned are small against
+    the walk: a street that is reckoned to save less than ``WORTH_SECONDS`` against the one that the level's estimate
+    prefers is not taken. And they may lead in circles, as estimates never do: whoever comes back to a crossing follows
+    the estimate there.
     """
 
     def decide(observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
         value = network(observation)
         local, usual, estimate = observation.local, observation.usual, observation.estimate
-        if local is not None and usual is not None and usual.surprise is not None and estimate is not None:
+        sensed = usual is not None and usual.surprise is not None
+        if sensed and isinstance(network, SegmentQNetwork) and local is not None and estimate is not None:
+            preferred = jnp.argmax(mask(-estimate, observation.valid))
+            value = value.at[preferred].add(WORTH_SECONDS / network.reward_seconds)
             value = jnp.where(local.again, -estimate, value)
         return jnp.argmax(mask(value, observation.valid))
 

@@ -178,10 +178,13 @@ class SensorFlow(eqx.Module):
 
         def one(start: Float[Array, ""]) -> Float[Array, "slot sensor"]:
             usual, deviation = self._usual(start, number)
-            variance = self._lasting + self._bridged(start, number) * deviation**2
+            bridged = self._bridged(start, number)
             if known is None:
-                return usual + variance / 2
-            hours = jnp.maximum(known.since + (number + 0.5) * (self.slot_seconds / HOUR), 0.0)[:, None]
+                return usual + (self._lasting + bridged * deviation**2) / 2
+            hours = (known.since + (number + 0.5) * (self.slot_seconds / HOUR))[:, None]
+            # Before the middle of the counted hour futures are as counted; nothing is interpolated.
+            variance = self._lasting + jnp.where(hours < 0, 1.0, bridged) * deviation**2
+            hours = jnp.maximum(hours, 0.0)
             whole = jnp.floor(hours)
             # Straight from hour to hour, as futures are.
             left = self.model.memory**whole * (1 - (hours - whole) * (1 - self.model.memory))
@@ -271,7 +274,7 @@ class SensorFlow(eqx.Module):
             # Matheron's rule: what was drawn is corrected by as much of the miss as falls on each part.
             surprise, then = self._surprise(known)
             miss = jnp.where(jnp.isfinite(known.residual), surprise - lasting - then * first, 0.0)
-            variance = self._lasting + then**2
+            variance = jnp.maximum(self._lasting + then**2, 1e-12)
             lasting, first = lasting + self._lasting / variance * miss, first + then / variance * miss
 
         def later(residual: Array, innovation: Array) -> tuple[Array, Array]:
