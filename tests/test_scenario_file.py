@@ -483,7 +483,7 @@ def test_what_cannot_be_revived() -> None:
 def test_a_model_needs_no_scenario_file_to_walk_elsewhere(tmp_path) -> None:
     venue = Venue(streets=str(tmp_path / "gone.npz"), counts=str(tmp_path / "gone.csv"), destinations=(3, (60.0, 25.0)))
     scenario = dataclasses.replace(BUILT_IN["helsinki"], venue=venue, horizon=600.0)
-    config = dataclasses.replace(preset_for(scenario, "default"), hidden=(4,))
+    config = dataclasses.replace(preset_for(BUILT_IN["helsinki"], "default"), hidden=(4,))
     network = fresh_network(config, scenario, one_way((0, 1), (1, 0)), jax.random.key(0))
     header = {
         "format": checkpoint.FORMAT,

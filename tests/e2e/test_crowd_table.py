@@ -140,7 +140,7 @@ def test_venues_that_do_not_fit_their_table(folder: Path) -> None:
         draw_map(replace(at_table(folder), slot_seconds=7200.0), 0)
     empty = replace(load_crowd_table(folder / "made.npz"), quantity="volume", value=np.zeros((4, 48), np.float32))
     save_crowd_table(empty, folder / "empty.npz")
-    with pytest.raises(ScenarioError, match="the law power gives no time to segments without people"):
+    with pytest.raises(ScenarioError, match="the law power has no speed where nobody walks"):
         draw_map(replace(at_table(folder, counts="empty.npz"), law="power"), 0)
     with pytest.raises(ScenarioError, match="pairing means nothing to a table of crowds"):
         at_table(folder, pairing=1)

@@ -42,7 +42,7 @@ def test_a_new_scenario_runs_as_it_is_and_bad_ones_are_refused(sidestep, tmp_pat
     assert "my-town is there already" in one_sentence(sidestep("new", "my-town", cwd=tmp_path))
     assert file.read_text() == before
 
-    file.write_text(before.replace("reach = 80", "reach = 'far'"))
-    line = 1 + before[: before.index("reach = 80")].count("\n")
+    file.write_text(before.replace("reach = 40", "reach = 'far'"))
+    line = 1 + before[: before.index("reach = 40")].count("\n")
     sentence = one_sentence(sidestep("compare", "my-town/scenario.toml", *walks, cwd=tmp_path))
     assert f"my-town/scenario.toml: line {line}: demand.reach must be a number, not 'far'" in sentence

@@ -6,6 +6,7 @@ from typing import Literal
 from sidestep.environment.types import Seen
 from sidestep.errors import SidestepError
 from sidestep.scenarios.catalogue import Scenario
+from sidestep.scenarios.towns import town_of
 
 
 @dataclass(frozen=True)
@@ -167,6 +168,10 @@ def preset(name: Preset, level: Seen = "position", *, several_maps: bool = False
 
 def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> TrainConfig:
     """The preset that fits a scenario's maps, at its own level unless another is given."""
+    if scenario.venue is not None and (level or scenario.level) == "position":
+        raise TrainConfigError(
+            f"a walker that sees its position alone cannot learn to walk anywhere in {scenario.name}"
+        )
     several = bool(scenario.training_maps) or scenario.venue is not None
     config = preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
     if scenario.venue is None:
@@ -175,7 +180,8 @@ def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> T
     # that do not count by their squares.
     config = replace(config, rounds=60, n_step=16, huber=1.0, learning_rate=2e-4, epsilon=0.02, test_walks=32)
     # Crowds are for goals in turn, old ones and those that replace them alike, so their numbers are multiples of it.
-    goals = min(32, len(scenario.venue.destinations) or 32)
+    nodes = town_of(scenario.venue.streets).nodes
+    goals = min(32, len(scenario.venue.destinations) or 32, max(nodes - 2, 1))
     fresh = 32 // goals * goals
     if config.level == "live":  # forecasts take too long to be renewed
         return replace(config, goals=goals, crowds=3 * fresh, fresh_crowds=0, learning_rate=1e-4, rounds=40)

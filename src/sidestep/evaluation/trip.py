@@ -4,6 +4,7 @@ import math
 import re
 from dataclasses import dataclass, replace
 from datetime import MAXYEAR, datetime
+from pathlib import Path
 
 import numpy as np
 
@@ -53,7 +54,10 @@ class End:
         return f"crossing {self.node}" if self.asked is None else f"{self.asked[0]:.5f},{self.asked[1]:.5f}"
 
 
-@dataclass(frozen=True, eq=False)
+AUCKLAND = "Auckland's counts (Heart of the City Auckland, CC BY 4.0)"
+
+
+@dataclass(frozen=True)
 class Trip:
     """A walk that is to be planned."""
 
@@ -70,7 +74,8 @@ class Trip:
     @property
     def crowds(self) -> str:
         """Where the crowds come from."""
-        whose = "Auckland's counts" if self.venue.counts == "auckland" else f"counts of {self.venue.counts}"
+        ours = self.venue.counts == "auckland"
+        whose = AUCKLAND if ours else f"counts of {Path(self.venue.counts).name}"
         paired = not self.venue.sensors or any(sensor.place is None for sensor in self.venue.sensors)
         return f"{whose}, paired with these streets by a seed (synthetic)" if paired else whose
 

@@ -84,7 +84,7 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     correlation = innovation.T @ innovation / np.sqrt(np.maximum(squares * squares.T, 1e-24))
     np.fill_diagonal(correlation, 1.0)
     return SensorModel(
-        *(jnp.asarray(part, jnp.float32) for part in (usual, weekly, deviation, memory, _cholesky(correlation)))
+        *(jnp.asarray(part, jnp.float32) for part in (usual, weekly, deviation, memory, cholesky_factor(correlation)))
     )
 
 
@@ -104,8 +104,8 @@ def _robust_deviation(values: Float[np.ndarray, "n sensor"]) -> Float[np.ndarray
     return np.array(found)
 
 
-def _cholesky(correlation: Float[np.ndarray, "sensor sensor"]) -> Float[np.ndarray, "sensor sensor"]:
-    """Of the nearest matrix that has one: correlations over different hours need not fit together."""
+def cholesky_factor(correlation: Float[np.ndarray, "sensor sensor"]) -> Float[np.ndarray, "sensor sensor"]:
+    """Lower factor of the nearest matrix that has one: correlations over different hours need not fit together."""
     values, vectors = np.linalg.eigh(correlation)
     fitting = (vectors * np.maximum(values, 1e-6)) @ vectors.T
     scale = 1 / np.sqrt(np.diag(fitting))

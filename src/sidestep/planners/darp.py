@@ -100,7 +100,8 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     Raises
     ------
     ModelError
-        A model of another level than asked for, or one that remembers the places of another map.
+        A model of another level than asked for, one that remembers the places of another map, or one that knows crowds
+        from sensors where it is to walk without, or the reverse.
     """
     models = {folder: load_model(folder) for folder in folders}
     bound: set[int] = set()
@@ -108,6 +109,11 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     for folder, model in models.items():
         if level is not None and model.config.level != level:
             raise ModelError(f"the model in {folder} is of level {model.config.level}, not {level}")
+        if model.config.level in ("map", "live") and model.scenario.sensed != scenario.sensed:
+            where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
+            raise ModelError(
+                f"the model in {folder} learned to walk {where[model.scenario.sensed]}; {scenario.name} is another kind"
+            )
         if model.config.level == "position" or model.config.places:
             place = draw_map(scenario, seed, model.index)
             _check_place(folder, model, place)
@@ -145,7 +151,7 @@ def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset, goals: i
     to train on, that is done once for all maps.
     """
     configs = {Darp.name: preset_for(scenario, name, level), "dqn": preset_for(scenario, "dqn", level)}
-    if not scenario.training_maps and goals == 1:
+    if not scenario.training_maps and scenario.venue is None and goals == 1:
         configs["tabular-q"] = preset("tabular-q")
     return {
         key: _factory(scenario, seed, replace(config, goals=max(config.goals, goals)))

@@ -99,7 +99,10 @@ class Venue:
         memory, deviation = self.noise
         if not (0 <= memory < 1 and 0 <= deviation < math.inf):
             raise ScenarioError(f"noise needs a memory from 0 to below 1 and a deviation, not {memory} and {deviation}")
-        of_others = ("sensors", "pairing", "reach", "fitted", "tested") if self.tabled else ("noise",)
+        if self.places < 1:
+            raise ScenarioError(f"places must be a number of streets, 1 or more, not {self.places}")
+        of_sensors = ("sensors", "pairing", "places", "uneven", "reach", "fitted", "tested")
+        of_others = of_sensors if self.tabled else ("noise",)
         for name in of_others:
             if getattr(self, name) != getattr(type(self), name):
                 kind = "a table of crowds" if self.tabled else "counts of sensors"
@@ -200,6 +203,11 @@ class Scenario:
             raise ScenarioError(
                 "the law power has no speed where nobody walks, as in parts of a venue; power-capped has one"
             )
+
+    @property
+    def sensed(self) -> bool:
+        """Whether crowds are known from sensors: walkers then see more, and agents are trained for that."""
+        return self.venue is not None and not self.venue.tabled
 
     @property
     def origin(self) -> int:

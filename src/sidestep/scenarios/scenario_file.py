@@ -9,12 +9,15 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from sidestep.errors import SidestepError
 from sidestep.files import reason
 from sidestep.scenarios.catalogue import BUILT_IN, Place, Scenario, ScenarioError, Sensor, Venue, changed, scenario
 from sidestep.scenarios.toml_lines import Keys, line_of
+
+if TYPE_CHECKING:
+    from sidestep.network.town import Town
 
 LARGEST = 1 << 16  # bytes and
 MOST_LINES = 2_000  # lines of a scenario file; more is no scenario
@@ -147,7 +150,8 @@ class _Reader:
         name = folder.name if self.path.name == "scenario.toml" else self.path.stem
         problem = replace(_DEFAULTS, name=name or self.path.stem, summary="")
         venue = Venue()
-        for keys, (field, value) in given.items():
+        # What the others mean depends on the kind of counts.
+        for keys, (field, value) in sorted(given.items(), key=lambda item: item[0] != ("counts", "file")):
             at = self._file(keys, folder, value) if keys[-1] == "file" else value
             try:
                 if field.of == "venue":
@@ -227,10 +231,23 @@ class _Reader:
 
     def _check_place(self, venue: Venue, given: Container[Keys]) -> None:
         """Read the files that are named, and look for the sensors and places in them."""
-        from sidestep.network.snap import Snapper  # these import jax
-        from sidestep.scenarios.towns import check_ways, counts_of, crossings, nearest_street, town_of
+        from sidestep.scenarios.towns import check_ways, crossings, table_of, town_of
 
         town = self._at(("network", "file"), town_of, venue.streets)
+        if venue.tabled:
+            self._at(("counts", "file"), table_of, venue, town)
+        else:
+            self._check_counts(venue, town, given)
+        origins, ends = (
+            self._at(("walks", name), crossings, town, name, getattr(venue, name))
+            for name in ("origins", "destinations")
+        )
+        self._at(("walks", "destinations"), check_ways, town.network(), origins, ends)
+
+    def _check_counts(self, venue: Venue, town: "Town", given: Container[Keys]) -> None:
+        from sidestep.network.snap import Snapper
+        from sidestep.scenarios.towns import counts_of, nearest_street
+
         table = self._at(("counts", "file"), counts_of, venue.counts)
         for period in ("fitted", "tested"):
             defaulted = venue.counts != COUNTS and ("counts", period) not in given
@@ -240,11 +257,6 @@ class _Reader:
         for sensor in venue.sensors:
             self._at(("sensors", sensor.name), table.series, sensor.name)
             self._at(("sensors", sensor.name), nearest_street, snap, sensor)
-        origins, ends = (
-            self._at(("walks", name), crossings, town, name, getattr(venue, name))
-            for name in ("origins", "destinations")
-        )
-        self._at(("walks", "destinations"), check_ways, town.network(), origins, ends)
 
     def _at(self, keys: Keys, ask: Callable[..., Any], *about: object, more: str = "") -> Any:
         """The answer; or, where it is refused, the refusal with the line that it comes of."""
@@ -341,6 +353,11 @@ def _hours(value: object) -> tuple[int, int]:
     return first, last
 
 
+def _noise(value: object) -> tuple[float, float]:
+    memory, deviation = (_number(part) for part in _two(value, "numbers"))
+    return memory, deviation
+
+
 def _choice(*allowed: str) -> Callable[[Any], str]:
     def read(value: object) -> str:
         if value not in allowed:
@@ -432,6 +449,7 @@ _FIELDS: dict[str, dict[str, _Field]] = {
         "crowding": _Field("venue", "crowding", _number),
         "uneven": _Field("venue", "uneven", _number),
         "reach": _Field("venue", "reach", _number),
+        "noise": _Field("venue", "noise", _noise),
         "days": _Field("venue", "days", _days),
         "hours": _Field("venue", "hours", _hours),
     },

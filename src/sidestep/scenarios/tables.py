@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from sidestep.flow.table import CrowdTable, read_table
+from sidestep.flow.table import MOST_CELLS, CrowdTable, read_table
 from sidestep.flow.tabled import TableFlow, hour_of_week
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
@@ -120,9 +120,11 @@ def table_flow(
             f"{table.source}: its slots of {table.slot_seconds:g} s are shorter than the scenario's of "
             f"{slot_seconds:g} s; set slot_seconds to {table.slot_seconds:g}"
         )
+    if table.slots * network.segments > MOST_CELLS:
+        raise ScenarioError(
+            f"{table.source}: {table.slots} slots of {network.segments} segments are more than {MOST_CELLS:,} numbers"
+        )
     volume, _ = volumes(table, network, law)
-    if law == "power" and not volume.all():
-        raise ScenarioError(f"{table.source}: the law power gives no time to segments without people; use power-capped")
     memory, deviation = venue.noise
     begins = None if table.begins is None else hour_of_week(table.begins)
     start = None if begins is None else jnp.asarray(venue.starts(1), jnp.float32)

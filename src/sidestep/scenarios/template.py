@@ -50,7 +50,7 @@ def template(name: str) -> str:
     width = max(len(sensor.name) for sensor in venue.sensors) + 2
     names = (f'"{sensor.name}"' for sensor in venue.sensors)
     sensors = "\n".join(f'{quoted:{width}} = "paired"' for quoted in names)
-    return _TEXT.replace("NAME", name).replace("SENSORS", sensors)
+    return _TEXT.replace("SENSORS", sensors).replace("NAME", name)
 
 
 _TEXT = """\
@@ -96,6 +96,9 @@ crowding = 120
 uneven = 0.5
 # Metres of walking in which the crowd at a sensor falls to 37 % (1/e). 150 by default.
 reach = 40
+# With a table of crowds (`sidestep counts import`) as counts.file, in place of all that sensors need: memory from slot
+# to slot, and deviation of the logarithm, of what is drawn around the table. [0.9, 0.0], exactly as in it, by default.
+noise = [0.9, 0.0]
 # Days on which people walk: names in a list, ["Mon", "Sat"], or a span. "Mon-Sun" by default.
 days = "Mon-Sun"
 # Hours of the day between which they set out, 0 to 24. [10, 20] by default.

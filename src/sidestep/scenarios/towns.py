@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
 from sidestep.flow.profile import hour_of_week
-from sidestep.flow.sensors import Known, SensorFlow, SensorModel, fit_sensors, recorded_weeks
-from sidestep.flow.table import load_crowd_table
+from sidestep.flow.sensors import Known, SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
+from sidestep.flow.table import CrowdTable, load_crowd_table
 from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.io import load_helsinki, load_town
@@ -56,6 +56,19 @@ def counts_of(counts: str) -> CountTable:
     return load_auckland() if counts == "auckland" else read_counts(counts)
 
 
+def table_of(venue: Venue, town: Town) -> CrowdTable:
+    """The table of crowds of a venue.
+
+    Raises
+    ------
+    TableError
+        A file that cannot be read, or is for other streets.
+    """
+    table = load_crowd_table(venue.counts)
+    table.check_town(town)
+    return table
+
+
 @lru_cache(maxsize=4)
 def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> TownCrowds:
     """Streets and crowds of a venue; ``law`` turns speeds into densities, where a table has speeds.
@@ -70,7 +83,7 @@ def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> Tow
     network = town.network()
     origins, ends = (crossings(town, name, getattr(venue, name)) for name in ("origins", "destinations"))
     if venue.tabled:
-        crowds = load_crowd_table(venue.counts)
+        crowds = table_of(venue, town)
         flow = table_flow(venue, crowds, town, network, slot_seconds=slot_seconds, law=law)
         return TownCrowds(network, flow, None, origins, ends)
     sensed, recorded = _sensed(venue, town, network, slot_seconds)
@@ -84,6 +97,11 @@ def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float)
     names = [sensor.name for sensor in sensors]
     model = fit_sensors(table.between(*venue.fitted), names)
     record = recorded_weeks(model, table.between(*venue.tested), names)
+    if venue.places > len(record):
+        raise ScenarioError(
+            f"sensors cannot stand in {venue.places} places with recorded weeks of their own in each: there are "
+            f"{len(record)} weeks from {venue.tested[0]} to {venue.tested[1]}"
+        )
     stands = places_of(sensors, venue.places)
     model, record = in_several_places(model, record, stands)
     segment = stations(town, network, tuple(sensors[number] for number in np.concatenate(stands)), venue.pairing)
@@ -111,8 +129,9 @@ def in_several_places(
     model: SensorModel, record: Float[np.ndarray, "week 168 sensor"], stands: list[Int[np.ndarray, " stand"]]
 ) -> tuple[SensorModel, Float[np.ndarray, "week 168 every"]]:
     """Sensors that stand in several places have innovations and recorded weeks of their own in each of them."""
-    correlation = np.asarray(model.together @ model.together.T)
-    together = block_diag(*(np.linalg.cholesky(correlation[np.ix_(some, some)]) for some in stands))
+    factor = np.asarray(model.together, np.float64)
+    correlation = factor @ factor.T
+    together = block_diag(*(cholesky_factor(correlation[np.ix_(some, some)]) for some in stands))
     every = np.concatenate(stands)
     several = SensorModel(
         model.usual[:, every],
