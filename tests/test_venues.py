@@ -10,10 +10,13 @@ import pytest
 from sidestep.agent import checkpoint
 from sidestep.agent.checkpoint import TrainingRun
 from sidestep.agent.config import TrainConfigError, preset_for
-from sidestep.agent.train import learned_place, prepare
+from sidestep.agent.segments import SegmentQNetwork
+from sidestep.agent.train import greedy, learned_place, prepare
+from sidestep.environment.types import Local, Observation, Usual
 from sidestep.flow.profile import hour_of_week
 from sidestep.flow.sensors import fit_sensors, recorded_weeks
 from sidestep.network.snap import Snapper
+from sidestep.planners.darp import ModelError, load_planners, trainable
 from sidestep.scenarios import towns
 from sidestep.scenarios.catalogue import Scenario, ScenarioError, Sensor, Venue, scenario
 from sidestep.scenarios.maps import draw_map
@@ -253,3 +256,57 @@ def test_a_model_can_be_read_without_its_place(learned, tmp_path, monkeypatch) -
         np.testing.assert_array_equal(read, kept)
     # It has the numbers of its own town's streets, not those that it was read with.
     assert float(model.network.metres) == pytest.approx(float(problem.params.network.length.mean()))
+
+
+def test_models_of_grids_do_not_walk_towns_nor_the_reverse(learned, tmp_path, monkeypatch) -> None:
+    _, _, state = learned
+    monkeypatch.setattr(checkpoint, "_fingerprint", lambda *_: "a place")
+    checkpoint.save(TrainingRun(HELSINKI, 1, 0, CONFIG, ((7.0, 8.0),), state), tmp_path)
+    assert load_planners([tmp_path], scenario("helsinki"), 0).index is None
+    with pytest.raises(ModelError, match=r"learned to walk in a town whose crowds .* sensors; unseen-maps is another"):
+        load_planners([tmp_path], scenario("unseen-maps"), 0)
+
+
+def test_no_agent_walks_a_town_by_its_position() -> None:
+    for name in ("default", "paper", "tabular-q"):
+        with pytest.raises(TrainConfigError, match="cannot learn to walk anywhere in helsinki"):
+            preset_for(HELSINKI, name, "position")
+    assert set(trainable(HELSINKI, 0, "map", "default")) == {"darp", "dqn"}
+
+
+def test_more_places_than_recorded_weeks() -> None:
+    many = dataclasses.replace(HELSINKI, venue=dataclasses.replace(VENUE, places=12))
+    with pytest.raises(ScenarioError, match=r"cannot stand in 12 places .* there are 11 weeks"):
+        draw_map(many, 0)
+    with pytest.raises(ScenarioError, match="places must be a number of streets, 1 or more, not 0"):
+        dataclasses.replace(VENUE, places=0)
+
+
+# --- Deciding -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "again", "chosen"),
+    [
+        ([-9.0, -5.0, -9.0], False, 1),  # what was learned counts: 4 minutes
+        ([-9.0, -8.96, -9.0], False, 0),  # not for .04 minutes, 2.4 s
+        ([-9.0, -8.94, -9.0], False, 1),  # but for 3.6 s
+        ([-9.0, -5.0, -9.0], True, 0),  # and not where the walker has been before
+        ([-9.0, -9.0, -1.0], False, 0),  # exits that do not exist are never taken
+    ],
+)
+def test_corrections_are_followed_where_they_save_seconds(
+    learned, monkeypatch, values: list[float], again: bool, chosen: int
+) -> None:
+    _, _, state = learned
+    monkeypatch.setattr(SegmentQNetwork, "__call__", lambda *_: jnp.array(values))
+    three = jnp.zeros(3)
+    local = Local(
+        jnp.float32(0), jnp.zeros(2), jnp.arange(3), jnp.zeros((3, 2)), three, three, jnp.array(again), jnp.arange(3)
+    )
+    usual = Usual(three, three, surprise=three, heavier=three)
+    # in seconds: the first exit is the level's own choice
+    estimate = jnp.array([500.0, 600.0, 100.0])
+    valid = jnp.array([True, True, False])
+    seen = Observation(jnp.int32(0), jnp.zeros(2), valid, local, usual, None, estimate)
+    assert int(greedy(state.network)(seen, jax.random.key(0))) == chosen

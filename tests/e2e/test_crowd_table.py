@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sidestep.agent.config import preset_for
 from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
 from sidestep.flow.table import load_crowd_table, read_table, save_crowd_table
 from sidestep.flow.tabled import TableFlow
@@ -16,6 +17,7 @@ from sidestep.network.io import save_town
 from sidestep.network.town import Town
 from sidestep.scenarios.catalogue import Scenario, ScenarioError, Venue, scenario
 from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.scenario_file import load_scenario
 
 SIDE = 4
 
@@ -113,6 +115,33 @@ def at_table(folder: Path, **changes: object) -> Scenario:
     files = {"streets": str(folder / "town.npz"), "counts": str(folder / changes.pop("counts", "made.npz"))}
     venue = Venue(**{**files, "days": (5,), "hours": (12, 15), **changes})
     return replace(scenario("helsinki"), name="table", venue=venue)
+
+
+def test_a_scenario_file_names_a_table(folder: Path) -> None:
+    file = folder / "tabled.toml"
+    text = """
+[demand]
+noise = [0.5, 0.1]
+days = ["Sat"]
+hours = [12, 15]
+[network]
+file = "town.npz"
+[counts]
+file = "made.npz"
+"""
+    file.write_text(text)
+    problem = load_scenario(file)
+    assert problem.venue == at_table(folder, noise=(0.5, 0.1)).venue
+    assert not problem.sensed
+    assert isinstance(draw_map(problem, 0).flow, TableFlow)
+    # Of 16 crossings one is where a walk begins and one is spared.
+    assert preset_for(problem, "default").goals == 14
+    file.write_text(text.replace("[counts]", "[counts]\nplaces = 3"))
+    with pytest.raises(ScenarioError, match=r"tabled.toml: line 9: .*places means nothing to a table of crowds"):
+        load_scenario(file)
+    file.write_text(text.replace("made.npz", "town.npz"))
+    with pytest.raises(ScenarioError, match=r"tabled.toml: line 9: .*town.npz"):
+        load_scenario(file)
 
 
 def test_walks_through_a_table(folder: Path) -> None:
