@@ -29,6 +29,8 @@ def show_results(results: "Results") -> None:
         f"{results['scenario']}{only}: {results['maps']} map{'s' * (results['maps'] > 1)}, "
         f"{results['walks']} walks each, seed {results['seed']}"
     )
+    if results["summary"]:
+        title += f"\n{results['summary']}"
     by = results["by_minutes"]
     headings = {
         "planner": "planner",

@@ -63,6 +63,7 @@ class Results(TypedDict):
     """A comparison in ``results.json``."""
 
     scenario: str
+    summary: str  # of the scenario: where its crowds come from
     flows: str
     maps: int
     walks: int
@@ -91,6 +92,7 @@ class Comparison:
             raise PlannerError(f"nothing can be set against {rival!r}: it has not walked all maps")
         return {
             "scenario": self.scenario.name,
+            "summary": self.scenario.summary,
             "flows": self.scenario.flows,
             "maps": self.maps,
             "walks": self.walks,

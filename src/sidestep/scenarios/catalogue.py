@@ -264,11 +264,15 @@ BUILT_IN = {
     scenario.name: scenario
     for scenario in (
         Scenario("paper-unblocked", "the paper's 5 x 5 blocks, all segments with 200 to 1,000 people"),
-        Scenario("paper-congested", "the same with the segments at four nodes crowded by 5,000", crowded_nodes=4),
+        Scenario(
+            "paper-congested",
+            "the paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people",
+            crowded_nodes=4,
+        ),
         Scenario("rush-16", "16 x 16 nodes, every street with rush hours of its own and noise", **_RUSH),
         Scenario(
             "rush-32",
-            "the same with 32 x 32 nodes",
+            "32 x 32 nodes, every street with rush hours of its own and noise",
             **_RUSH | {"side": 32, "crowded_nodes": 114, "horizon": 12 * 3600.0},
         ),
         Scenario(
