@@ -197,10 +197,10 @@ def train(
     _start_jax()
     from sidestep.agent import checkpoint
     from sidestep.agent.config import changed, preset_for
+    from sidestep.agent.train import learned_place
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
     from sidestep.scenarios.maps import draw_training_map
-    from sidestep.scenarios.worlds import goals_of
 
     problem = _scenario(scenario, changes)
     config = changed(
@@ -219,7 +219,7 @@ def train(
             )
         state, curve = run.state, list(run.curve)
     place = draw_training_map(problem, seed, index)
-    goals_of(place, config.goals)
+    learned_place(config, problem, place)  # refuses what cannot be learned, before anything is written
     if out is not None:
         output_folder(out)
     began, before, saved, first = perf_counter(), len(curve), -math.inf, math.inf

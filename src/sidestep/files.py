@@ -1,11 +1,16 @@
-"""Writing results: whole or not at all."""
+"""Writing results, whole or not at all, and reading files that may be damaged."""
 
 import os
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from sidestep.errors import SidestepError
+
+LARGEST = 2**31  # bytes that one file may unpack to; a town of a million streets takes a tenth of it
 
 
 class OutputError(SidestepError):
@@ -41,6 +46,35 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all."""
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def reading(path: Path, error: type[SidestepError], holds: str) -> Iterator[BinaryIO]:
+    """Open a file of numbers or XML; whatever a damaged one makes its reader say becomes one sentence of this kind.
+
+    ``holds`` completes "is damaged or holds no …".
+    """
+    try:
+        with path.open("rb") as file:
+            yield file
+    except error as found:
+        raise error(f"{path}: {' '.join(str(found).split())}") from found
+    # A syntax error is what XML's reader calls a damaged file.
+    except (zipfile.BadZipFile, zlib.error, SyntaxError, EOFError, LookupError, TypeError, ValueError) as found:
+        said = " ".join(str(found).split()) or type(found).__name__
+        raise error(f"{path} is damaged or holds no {holds}: {said:.200}") from found
+    except (AttributeError, OverflowError, MemoryError, NotImplementedError, RuntimeError) as found:
+        raise error(f"{path} is damaged or holds no {holds}: {type(found).__name__}") from found
+    except OSError as found:
+        raise error(f"cannot read {path}: {reason(found)}") from found
+
+
+def check_unpacked(file: BinaryIO, error: type[SidestepError]) -> None:
+    """Refuse an archive that would fill the memory; the file is then at its beginning again."""
+    with zipfile.ZipFile(file) as packed:
+        if sum(entry.file_size for entry in packed.infolist()) > LARGEST:
+            raise error(f"it unpacks to more than {LARGEST >> 30} GiB")
+    file.seek(0)
 
 
 def reason(error: OSError) -> str:

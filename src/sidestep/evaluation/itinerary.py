@@ -98,7 +98,7 @@ def itinerary(journey: Journey, by: float | None = None) -> JourneyJson:
         "departs": trip.departure.text,
         "hour_of_week": trip.departure.hour,
         "counted_sensors": trip.counted,
-        "sensors": 0 if trip.venue.tabled else len(sensors_of(trip.venue)),
+        "sensors": len(sensors_of(trip.venue)),
         "origin": _end_json(trip.origin),
         "destination": _end_json(trip.destination),
         "steps": [

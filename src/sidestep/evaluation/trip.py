@@ -16,11 +16,10 @@ from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.splice import Spliced, splice
 from sidestep.network.town import Town
 from sidestep.planners.shortest_path import distances_to
-from sidestep.scenarios.catalogue import Scenario, Venue
+from sidestep.scenarios.catalogue import DAYS, Scenario, Venue
 from sidestep.scenarios.maps import CrowdedMap
 from sidestep.scenarios.towns import town_of, with_live_counts
 
-DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 _PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*", re.ASCII)
 
 

@@ -1,8 +1,6 @@
 """Crowds as tables of (segment, slot, volume or speed), from any crowd simulator or counter system."""
 
 import hashlib
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,7 +10,7 @@ from typing import BinaryIO, Literal, get_args
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
-from sidestep.files import reason, whole_file
+from sidestep.files import check_unpacked, reading, whole_file
 from sidestep.flow.field import SLOT_SECONDS
 from sidestep.flow.tablefile import Columns, TableError, read_columns
 from sidestep.network.town import Town
@@ -30,7 +28,6 @@ _PLACES = ("street", "segment", "from", "to")
 _DIRECTIONS = ("forward", "backward")
 _KNOWN = (*_PLACES, "direction", "slot", "time", *QUANTITIES)
 _STORED = ("format", "quantity", "segment", "value", "slot_seconds", "begins", "segments", "streets")
-_LARGEST_FILE = 2**31  # bytes that one file may unpack to
 
 
 @dataclass(frozen=True)
@@ -342,25 +339,12 @@ def load_crowd_table(path: str | Path) -> CrowdTable:
         A file that is not there, cannot be read, is cut short or holds no table.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            return _read_npz(file, str(path))
-    except TableError as error:
-        raise TableError(f"{path}: {error}") from error
-    except (zipfile.BadZipFile, zlib.error, EOFError, LookupError, TypeError, ValueError) as error:
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise TableError(f"{path} is damaged or holds no crowds: {said:.200}") from error
-    except (AttributeError, OverflowError, MemoryError, NotImplementedError, RuntimeError) as error:
-        raise TableError(f"{path} is damaged or holds no crowds: {type(error).__name__}") from error
-    except OSError as error:
-        raise TableError(f"cannot read {path}: {reason(error)}") from error
+    with reading(path, TableError, "crowds") as file:
+        return _read_npz(file, str(path))
 
 
 def _read_npz(file: BinaryIO, source: str) -> CrowdTable:
-    with zipfile.ZipFile(file) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > _LARGEST_FILE:
-            raise TableError(f"it unpacks to more than {_LARGEST_FILE >> 30} GiB")
-    file.seek(0)
+    check_unpacked(file, TableError)
     with np.load(file, allow_pickle=False) as packed:
         columns = {name: packed[name] for name in _STORED if name in packed}
         _check_columns(columns)

@@ -5,20 +5,17 @@ import json
 import math
 import re
 import warnings
-import zipfile
-import zlib
 from collections import defaultdict
 from collections.abc import Iterable
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, BinaryIO
-from xml.etree.ElementTree import ParseError
 
 import numpy as np
 from jaxtyping import Float, Float64
 
-from sidestep.files import reason, whole_file, write_text
+from sidestep.files import check_unpacked, reading, whole_file, write_text
 from sidestep.network.town import SAME_DEGREES, Town, TownError, course_lengths
 from sidestep.network.walkable import UNKNOWN_WIDTH, WHOLE, WIDTHS, parse_width
 
@@ -31,7 +28,6 @@ _TYPES = {
     "length": np.float32, "width": np.float32, "signals": np.int16, "crossings": np.int16,
     "points": np.float64, "first": np.int64,
 }  # fmt: skip
-_LARGEST = 2**31  # bytes that one file may unpack to; a town of a million streets takes a tenth of it
 _PAIRED = 1.0  # m that a street's length may differ from there to back, where osmnx has rounded or joined
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _LONGEST = 1e9  # m; no street is as long, and single precision holds it
@@ -88,19 +84,9 @@ def load_town(path: str | Path) -> Town:
     suffix = check_suffix(path)
     if suffix == ".geojson":
         raise TownError(f"{path} cannot be read: GeoJSON does not say which streets meet; load .npz or .graphml")
-    try:
-        # The libraries warn of types that a damaged file leaves out; either it can be read all the same, or not.
-        with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
-            return _read_npz(file) if suffix == ".npz" else _read_graphml(file)
-    except TownError as error:
-        raise TownError(f"{path}: {' '.join(str(error).split())}") from error
-    except (zipfile.BadZipFile, zlib.error, ParseError, EOFError, LookupError, TypeError, ValueError) as error:
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise TownError(f"{path} is damaged or holds no town: {said:.200}") from error
-    except (AttributeError, OverflowError, MemoryError, NotImplementedError, RuntimeError) as error:
-        raise TownError(f"{path} is damaged or holds no town: {type(error).__name__}") from error
-    except OSError as error:
-        raise TownError(f"cannot read {path}: {reason(error)}") from error
+    # The libraries warn of types that a damaged file leaves out; either it can be read all the same, or not.
+    with reading(path, TownError, "town") as file, warnings.catch_warnings(action="ignore"):
+        return _read_npz(file) if suffix == ".npz" else _read_graphml(file)
 
 
 @lru_cache(maxsize=1)
@@ -127,10 +113,7 @@ def _columns(town: Town) -> dict[str, np.ndarray]:
 
 
 def _read_npz(file: BinaryIO) -> Town:
-    with zipfile.ZipFile(file) as packed:
-        if sum(entry.file_size for entry in packed.infolist()) > _LARGEST:
-            raise TownError(f"it unpacks to more than {_LARGEST >> 30} GiB")
-    file.seek(0)
+    check_unpacked(file, TownError)
     with np.load(file, allow_pickle=False) as columns:
         if "format" not in columns:
             raise TownError("it is not a Sidestep town")

@@ -43,6 +43,9 @@ class RushHours:
             )
 
 
+DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
+
+
 @dataclass(frozen=True)
 class Sensor:
     """Where something is counted."""

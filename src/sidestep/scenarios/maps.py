@@ -55,9 +55,6 @@ class CrowdedMap(eqx.Module):
         flow, parent = self.flow, jnp.asarray(streets.parent)
         if isinstance(flow, SensorFlow):
             flow = replace(flow, spread=Spread(flow.spread.sensor[parent], flow.spread.weight[parent]))
-        elif isinstance(flow, TableFlow):
-            share = streets.network.length / self.network.length[parent]
-            flow = replace(flow, usual=flow.usual[:, parent] * share)
         return CrowdedMap(streets.network, flow, self.key, (streets.network.nodes,))
 
 

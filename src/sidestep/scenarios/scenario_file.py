@@ -13,7 +13,17 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sidestep.errors import SidestepError
 from sidestep.files import reason
-from sidestep.scenarios.catalogue import BUILT_IN, Place, Scenario, ScenarioError, Sensor, Venue, changed, scenario
+from sidestep.scenarios.catalogue import (
+    BUILT_IN,
+    DAYS,
+    Place,
+    Scenario,
+    ScenarioError,
+    Sensor,
+    Venue,
+    changed,
+    scenario,
+)
 from sidestep.scenarios.toml_lines import Keys, line_of
 
 if TYPE_CHECKING:
@@ -22,7 +32,6 @@ if TYPE_CHECKING:
 LARGEST = 1 << 16  # bytes and
 MOST_LINES = 2_000  # lines of a scenario file; more is no scenario
 MOST_SLOTS = 10_000  # of one walk; futures are worked out for each of them
-DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 TOWN, COUNTS = "helsinki", "auckland"  # what comes with the package
 PAIRED = "paired"
 

@@ -12,7 +12,7 @@ from sidestep.flow.table import MOST_CELLS, CrowdTable, read_table
 from sidestep.flow.tabled import TableFlow, hour_of_week
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
-from sidestep.scenarios.catalogue import LAWS, Law, ScenarioError, Venue
+from sidestep.scenarios.catalogue import DAYS, LAWS, Law, ScenarioError, Venue
 from sidestep.travel_time import DENSEST, density_at_speed
 
 DENSE, JAMMED = 1.0, 4.0  # persons/m²: where people begin to slow down, and where they hardly move
@@ -101,20 +101,15 @@ def _area(network: RoadNetwork) -> Float32[np.ndarray, " segment"]:
     return np.asarray(network.length) * np.asarray(network.width)
 
 
-def table_flow(
-    venue: Venue, table: CrowdTable, town: Town, network: RoadNetwork, *, slot_seconds: float, law: Law
-) -> TableFlow:
+def table_flow(venue: Venue, table: CrowdTable, network: RoadNetwork, *, slot_seconds: float, law: Law) -> TableFlow:
     """The crowds of a venue as its table has them.
 
     Raises
     ------
-    TableError
-        A table for other streets.
     ScenarioError
-        Slots longer than the table's; hours to set out in about which it says nothing; a law that cannot do with
-        empty segments.
+        Slots longer than the table's; hours to set out in about which it says nothing; more numbers than memory has
+        room for.
     """
-    table.check_town(town)
     if table.slot_seconds < slot_seconds:
         raise ScenarioError(
             f"{table.source}: its slots of {table.slot_seconds:g} s are shorter than the scenario's of "
@@ -135,9 +130,6 @@ def table_flow(
             raise ScenarioError(
                 f"{table.source}: it covers {flow.span / 3600:g} hours from {table.begins:%A} "
                 f"{table.begins:%H:%M} on, but the venue's days and hours have people set out on "
-                f"{_DAYS[hour // 24]} at {hour % 24}:00"
+                f"{DAYS[hour // 24]} at {hour % 24}:00"
             )
     return flow
-
-
-_DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")

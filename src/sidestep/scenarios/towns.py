@@ -84,7 +84,7 @@ def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> Tow
     origins, ends = (crossings(town, name, getattr(venue, name)) for name in ("origins", "destinations"))
     if venue.tabled:
         crowds = table_of(venue, town)
-        flow = table_flow(venue, crowds, town, network, slot_seconds=slot_seconds, law=law)
+        flow = table_flow(venue, crowds, network, slot_seconds=slot_seconds, law=law)
         return TownCrowds(network, flow, None, origins, ends)
     sensed, recorded = _sensed(venue, town, network, slot_seconds)
     return TownCrowds(network, sensed, recorded, origins, ends)
@@ -281,8 +281,10 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
     while len(free) < missing:
         for street in drawn:
             away = middle[[*taken, *free]] - middle[street]
-            if len(free) < missing and (np.linalg.norm(away, axis=1) >= room).all() and street not in (*taken, *free):
+            if (np.linalg.norm(away, axis=1) >= room).all() and street not in (*taken, *free):
                 free.append(street)
+            if len(free) == missing:
+                break
         room = room / 2 if room > 1 else 0.0
     rest = iter(free)
     return np.array([next(rest) if street is None else street for street in found], np.int64)
