@@ -301,9 +301,8 @@ def test_corrections_are_followed_where_they_save_seconds(
     _, _, state = learned
     monkeypatch.setattr(SegmentQNetwork, "__call__", lambda *_: jnp.array(values))
     three = jnp.zeros(3)
-    local = Local(
-        jnp.float32(0), jnp.zeros(2), jnp.arange(3), jnp.zeros((3, 2)), three, three, jnp.array(again), jnp.arange(3)
-    )
+    first, where = jnp.float32(0), jnp.zeros(2)
+    local = Local(first, where, jnp.arange(3), jnp.zeros((3, 2)), *[three] * 3, jnp.array(again), jnp.arange(3))
     usual = Usual(three, three, surprise=three, heavier=three)
     # in seconds: the first exit is the level's own choice
     estimate = jnp.array([500.0, 600.0, 100.0])

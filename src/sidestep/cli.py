@@ -100,6 +100,13 @@ class Changes:
             name="--crowding", help="Demand over that which was counted, instead of the scenario's; real places."
         ),
     ] = None
+    objective: Annotated[
+        str | None,
+        Parameter(
+            name="--objective",
+            help="What walkers keep low: time, distance, exposure, or weights, such as exposure=0.5,max_density=4.",
+        ),
+    ] = None
 
 
 UNCHANGED = Changes()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sidestep.network.osm import ImportReport
     from sidestep.scenarios.tables import TableReport
 
-WIDTH = 160  # where the output is no terminal
+WIDTH = 180  # where the output is no terminal
 
 
 def show_results(results: "Results") -> None:
@@ -31,13 +31,19 @@ def show_results(results: "Results") -> None:
     )
     if results["summary"]:
         title += f"\n{results['summary']}"
-    by = results["by_minutes"]
+    by, objective = results["by_minutes"], results["objective"]
+    if objective is not None:
+        title += f"\ncost: {objective_in_words(objective)}; savings, differences and regrets are of cost"
     headings = {
         "planner": "planner",
         "knows": "knows",
+        "cost": ">cost" if objective else "",
         "minutes": ">minutes",
-        "median": ">median",
-        "90 %": ">90 % in",
+        "exposure": ">exposure" if objective else "",
+        "metres": ">metres" if objective else "",
+        "too dense": ">too dense" if objective and objective["max_density"] else "",
+        "median": "" if objective else ">median",
+        "90 %": "" if objective else ">90 % in",
         "in time": f">within {by:g}" if by else "",
         "saved": ">saved",
         "difference": f">over {results['rival']}",
@@ -51,6 +57,14 @@ def show_results(results: "Results") -> None:
     for name, row in results["planners"].items():
         table.add_row(*cells(name, row, results["maps"], shown).values())
     _print(table)
+
+
+def objective_in_words(objective: "dict[str, float | None]") -> str:
+    """Weights of what walkers keep low."""
+    units = {"time": "time", "distance": "s/m of distance", "exposure": "of exposure in person·s/m²"}
+    terms = [f"{weight:g} {units[name]}" for name, weight in objective.items() if name in units and weight]
+    most = objective["max_density"]
+    return " + ".join(terms) + ("" if most is None else f", no street above {most:g} persons/m²")
 
 
 def show_walk(walk: "PlannedWalk") -> None:

@@ -83,6 +83,7 @@ class SpeedField(eqx.Module):
     speed: Float[Array, "*crowd segment slot"]  # m/s
     covered: Float[Array, "*crowd segment slot"]  # m walked on the segment from clock 0 to the slot's beginning
     slot_seconds: float = eqx.field(static=True)
+    density: Float[Array, "*crowd segment slot"] | None = None  # persons/m², where it is asked for
 
     @property
     def slots(self) -> int:
@@ -96,11 +97,26 @@ class SpeedField(eqx.Module):
 
     def of(self, crowd: Int[Array, ""]) -> "SpeedField":
         """One of the alternative crowds."""
-        return SpeedField(self.speed[crowd], self.covered[crowd], self.slot_seconds)
+        density = None if self.density is None else self.density[crowd]
+        return SpeedField(self.speed[crowd], self.covered[crowd], self.slot_seconds, density)
 
     def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Speeds in m/s on segments in a slot of one of the crowds."""
         return self.speed[crowd, segment, slot]
+
+    def density_at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+        """Densities in persons/m² on segments in a slot of one of the crowds."""
+        return self._known[crowd, segment, slot]
+
+    def densities(self, crowd: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
+        """One segment's densities in persons/m² in one of the crowds."""
+        return self._known[crowd, segment]
+
+    @property
+    def _known(self) -> Float[Array, "crowd segment slot"]:
+        if self.density is None:
+            raise ValueError("these speeds were made without their densities")
+        return self.density
 
     def through(
         self, crowd: Int[Array, ""], segment: Int[Array, ""]
@@ -132,7 +148,8 @@ class SensedSpeeds(eqx.Module):
 
     def of(self, crowd: Int[Array, ""]) -> SpeedField:
         """One of the alternative crowds, worked out on all segments."""
-        return speed_field(self.law.speed(self.spread.everywhere(self.density[crowd])).T, self.slot_seconds)
+        density = self.spread.everywhere(self.density[crowd])
+        return speed_field(self.law.speed(density).T, self.slot_seconds, density.T)
 
     def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Speeds in m/s on segments in a slot of one of the crowds."""
@@ -147,17 +164,25 @@ class SensedSpeeds(eqx.Module):
         self, crowd: Int[Array, ""], segment: Int[Array, ""]
     ) -> tuple[Float[Array, " slot"], Float[Array, " slot"]]:
         """One segment's speeds in one of the crowds, and how far one gets in them."""
-        near, weight = self.spread.sensor[segment], self.spread.weight[segment]
-        speed = self.law.speed(weight @ self.density[crowd, :, near])
+        speed = self.law.speed(self.densities(crowd, segment))
         return speed, _covered(speed, self.slot_seconds)
+
+    def densities(self, crowd: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
+        """One segment's densities in persons/m² in one of the crowds."""
+        near, weight = self.spread.sensor[segment], self.spread.weight[segment]
+        return weight @ self.density[crowd, :, near]
 
 
 Speeds = SpeedField | SensedSpeeds
 
 
-def speed_field(speed: Float[Array, "*crowd segment slot"], slot_seconds: float) -> SpeedField:
+def speed_field(
+    speed: Float[Array, "*crowd segment slot"],
+    slot_seconds: float,
+    density: Float[Array, "*crowd segment slot"] | None = None,
+) -> SpeedField:
     """Prepare speeds (m/s, positive) for crossing times; ``slot_seconds`` is the length of a slot."""
-    return SpeedField(speed, _covered(speed, slot_seconds), slot_seconds)
+    return SpeedField(speed, _covered(speed, slot_seconds), slot_seconds, density)
 
 
 def _covered(speed: Float[Array, "*lead slot"], slot_seconds: float) -> Float[Array, "*lead slot"]:
@@ -207,3 +232,12 @@ def crossing_time_in(
     # The slot in which the goal is reached. Counting beats a binary search: it is one pass over a short row.
     then = jnp.clip(jnp.sum(covered <= goal) - 1, now, last)
     return then * slot_seconds + (goal - covered[then]) / speed[then] - clock
+
+
+def exposure_in(
+    density: Float[Array, " slot"], slot_seconds: float, begin: Float[Array, ""], end: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Crowd met on a segment from clock ``begin`` to clock ``end``: the integral of its density, in person·s/m²."""
+    slot = jnp.arange(density.shape[-1])
+    upto = jnp.where(slot < density.shape[-1] - 1, (slot + 1) * slot_seconds, jnp.inf)
+    return jnp.sum(density * jnp.maximum(jnp.minimum(end, upto) - jnp.maximum(begin, slot * slot_seconds), 0.0))

@@ -45,13 +45,13 @@ def test_reset(steady, make_instance) -> None:
 
 def test_a_step_moves_in_space_and_time(steady, make_instance) -> None:
     state, outcome = take(steady, make_instance(departure=50.0), 0)
-    assert (int(state.node), float(state.clock), float(outcome.seconds)) == (1, 150, 100)
+    assert (int(state.node), float(state.clock), float(outcome.crossed.seconds)) == (1, 150, 100)
     assert (int(outcome.observation.node), outcome.observation.position.tolist()) == (1, [100, 100])
     assert not outcome.terminated
     assert not outcome.truncated
     # the other way: 150 m down, then exit 0 of node 2 for 250 m
     state, outcome = take(steady, make_instance(departure=50.0), 1, 0)
-    assert (int(state.node), float(state.clock), float(outcome.seconds)) == (3, 450, 250)
+    assert (int(state.node), float(state.clock), float(outcome.crossed.seconds)) == (3, 450, 250)
 
 
 def test_the_trail_is_what_was_left_the_latest_first(steady, make_instance) -> None:
@@ -100,12 +100,12 @@ def test_reward_weights(diamond, constant_field, make_params, make_instance) -> 
 def test_time_passes_at_the_speed_of_the_walks_own_crowd(diamond, make_params, make_instance) -> None:
     slow_then_fast = jnp.stack([jnp.full((8, 2), 1.0), jnp.full((8, 2), 2.0).at[0, 1].set(0.5)])
     params = make_params(diamond, speed_field(slow_then_fast, 40.0))
-    assert float(take(params, make_instance(crowd=0), 0)[1].seconds) == pytest.approx(100)
+    assert float(take(params, make_instance(crowd=0), 0)[1].crossed.seconds) == pytest.approx(100)
     # crowd 1: 40 s at 2 m/s for 80 m, then 20 m at .5 m/s for 40 s
-    assert float(take(params, make_instance(crowd=1), 0)[1].seconds) == pytest.approx(80)
+    assert float(take(params, make_instance(crowd=1), 0)[1].crossed.seconds) == pytest.approx(80)
     # under the entry rule 100 m at 2 m/s
     entry = make_params(diamond, speed_field(slow_then_fast, 40.0), rule="entry")
-    assert float(take(entry, make_instance(crowd=1), 0)[1].seconds) == pytest.approx(50)
+    assert float(take(entry, make_instance(crowd=1), 0)[1].crossed.seconds) == pytest.approx(50)
 
 
 # --- How episodes end -----------------------------------------------------------------------------------------------
@@ -166,7 +166,7 @@ def test_an_exit_that_does_not_exist_becomes_the_next(
     (segment,) = np.flatnonzero((busy.network.tail == node) & (busy.network.head == leads_to))
     field = busy.crowds.of(jnp.int32(0))
     there = crossing_time(field, jnp.int32(segment), busy.network.length[segment], jnp.float32(0))
-    assert float(outcome.seconds) == pytest.approx(float(there), rel=1e-6)
+    assert float(outcome.crossed.seconds) == pytest.approx(float(there), rel=1e-6)
 
 
 some_exits = st.lists(st.booleans(), min_size=5, max_size=5).filter(any)

@@ -11,7 +11,7 @@ import pytest
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.knowledge import live_to_go, usual_to_go
 from sidestep.environment.observation import at_level, observe
-from sidestep.environment.types import LEVELS, TRAIL, EnvParams, EnvState, Instance, Observation
+from sidestep.environment.types import LEVELS, TRAIL, EnvParams, EnvState, Instance, LiveToGo, Observation
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
 from sidestep.planners.shortest_path import distances_to
@@ -33,15 +33,11 @@ def known(params: EnvParams, goals: tuple[int, ...]) -> EnvParams:
     Volumes are not looked at but by what forecasts, so speeds stand for them.
     """
     network, crowds = params.network, params.crowds
-    usual = usual_to_go(network, params.expected, only(network.nodes, *goals), params.rule)
+    params = replace(params, level="live", usual=usual_to_go(params, only(network.nodes, *goals)))
     volume = jnp.swapaxes(crowds.speed, 1, 2)
-    live = live_to_go(network, crowds, volume, lambda now, *_: jnp.tile(now[:, None], 3), usual, params.rule)
-    return replace(params, level="live", usual=usual, live=live)
-
-
-def alone(field: SpeedField) -> SpeedField:
-    """The only one of several fields."""
-    return jax.tree.map(lambda leaf: leaf[None], field)
+    return replace(
+        params, live=live_to_go(params, volume, lambda now, *_: speed_field(jnp.tile(now[:, None], 3), SLOT))
+    )
 
 
 def jammed() -> SpeedField:
@@ -164,7 +160,7 @@ def test_map_knows_the_usual_crowd_of_now(informed) -> None:
     # From node 1 to 3 and to 0, 200 and 100 m; the first is usually jammed till 300 s. Nobody is jammed in crowd 2.
     for clock, usual in ((0.0, [2000, 100]), (300.0, [200, 100])):
         seen = see(informed, 1, clock, crowd=2, level="map")
-        assert seen.usual.crossing.tolist() == pytest.approx(usual)
+        assert seen.usual.cost.tolist() == pytest.approx(usual)
         assert seen.local.crossing.tolist() == pytest.approx([200, 100])
 
 
@@ -178,9 +174,9 @@ def test_every_goal_has_a_table_of_its_own(diamond, constant_field, make_params)
     np.testing.assert_allclose(see(params, 1, 0.0, destination=0, level="map").usual.to_go, [300, 0], **CLOSE)
 
 
-def test_a_goal_may_be_several_nodes(diamond, constant_field) -> None:
+def test_a_goal_may_be_several_nodes(diamond, constant_field, make_params) -> None:
     # One goal of the nodes 1 and 2, as on maps side by side.
-    usual = usual_to_go(diamond, alone(constant_field(diamond)), only(4, 1) | only(4, 2), "integrated")
+    usual = usual_to_go(make_params(diamond, constant_field(diamond)), only(4, 1) | only(4, 2))
     assert usual.goal.tolist() == [-1, 0, 0, -1]
     np.testing.assert_allclose(usual.table, [[[100, 0, 0, 200]] * 2], **CLOSE)
 
@@ -202,13 +198,12 @@ def test_forecast_of_a_jam_that_is_seen_to_clear(diamond, make_params) -> None:
     # Whatever is counted, what is forecast is what comes; beyond the window it stays so.
     field = jammed()
     params = make_params(diamond, field)
-    usual = usual_to_go(diamond, alone(field), only(4, 3), "integrated")
 
-    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> jax.Array:
-        return field.speed[:, jnp.minimum(slot + jnp.arange(3), 1)]
+    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
+        return speed_field(field.speed[:, jnp.minimum(slot + jnp.arange(3), 1)], SLOT)
 
-    live = live_to_go(diamond, params.crowds, jnp.ones((1, 2, 8)), ahead, usual, "integrated")
-    params = replace(params, usual=usual, live=live, level="live")
+    params = replace(params, usual=usual_to_go(params, only(4, 3)), level="live")
+    params = replace(params, live=live_to_go(params, jnp.ones((1, 2, 8)), ahead))
     # Entered at 0 s: by 1 100 + 380, by 2 150 + 350; at 300 s: 100 + 200, 150 + 450; in between linear.
     for clock, forecast in ((0.0, [480, 500]), (150.0, [390, 550]), (300.0, [300, 600]), (1e4, [300, 600])):
         seen = see(params, 0, clock)
@@ -218,18 +213,22 @@ def test_forecast_of_a_jam_that_is_seen_to_clear(diamond, make_params) -> None:
     np.testing.assert_allclose(see(params, 1, 0.0).live.forecast, [470, 520], **CLOSE)
 
 
-def test_after_the_window_of_a_forecast_crowds_are_as_usual() -> None:
+def test_after_the_window_of_a_forecast_crowds_are_as_usual(make_params) -> None:
     # 0 > 1 > 2, 100 m each, in slots of 100 s: .5 m/s now and for two slots, usually 1 m/s.
     network = road_network(np.zeros((3, 2)), [0, 1], [1, 2], [100.0, 100])
-    usual = usual_to_go(network, speed_field(jnp.ones((1, 2, 8)), 100.0), only(3, 2), "integrated")
-    crowds = speed_field(jnp.full((1, 2, 8), 0.5), 100.0)
-    volume = jnp.swapaxes(crowds.speed, 1, 2)
-    live = live_to_go(network, crowds, volume, lambda now, *_: jnp.tile(now[:, None], 2), usual, "integrated")
+    params = make_params(network, *(speed_field(jnp.full((2, 8), speed), 100.0) for speed in (0.5, 1.0)))
+    params = replace(params, usual=usual_to_go(params, only(3, 2)))
+
+    def foreseen(slots: int) -> LiveToGo:
+        stays = lambda now, *_: speed_field(jnp.tile(now[:, None], slots), 100.0)  # noqa: E731
+        return live_to_go(params, jnp.swapaxes(params.crowds.speed, 1, 2), stays)
+
+    live = foreseen(2)
     # 200 s to node 1, when the window is over, and 100 s on. From node 1 200 s: who enters the jam stays in it.
     np.testing.assert_allclose(live.forecast[0, 0], [[300, 200], [300, 200]], **CLOSE)
     # With a third slot of it, node 1 is reached with one slot to go, in which 50 m are covered: as slots begin it is
     # 200 s from node 1, and after the last of them 100 s; entered at 100 s, node 1 is reached after the window.
-    live = live_to_go(network, crowds, volume, lambda now, *_: jnp.tile(now[:, None], 3), usual, "integrated")
+    live = foreseen(3)
     np.testing.assert_allclose(live.forecast[0, 0], [[400, 200], [300, 200]], **CLOSE)
 
 
@@ -243,7 +242,7 @@ def test_a_forecast_of_what_stays_is_exact(make_params) -> None:
     for node, clock in [(0, 0.0), (1, 100.0), (4, 600.0), (5, 1e4)]:
         seen = see(params, node, clock)
         exits = np.asarray(network.exit_segment)[node][np.asarray(seen.valid)]
-        for found in (seen.live.forecast, seen.live.snapshot, seen.local.crossing + seen.usual.to_go):
+        for found in (seen.live.forecast, seen.live.snapshot, seen.local.cost + seen.usual.to_go):
             np.testing.assert_allclose(np.asarray(found)[np.asarray(seen.valid)], over[exits], rtol=1e-5, atol=0.1)
 
 
@@ -314,4 +313,4 @@ def test_the_network_may_have_nodes_out_of_reach(make_params) -> None:
     network: RoadNetwork = road_network(np.eye(3, 2), [0, 1, 2], [1, 0, 0], [10.0] * 3)
     params = known(make_params(network, speed_field(jnp.ones((3, 2)), 60.0)), (2,))
     seen = see(params, 0, 0.0, destination=2)
-    assert (np.asarray([seen.usual.to_go[0], seen.live.snapshot[0], seen.live.forecast[0]]) >= 1e9).all()
+    assert (np.asarray([seen.usual.to_go[0], seen.live.snapshot[0], seen.live.forecast[0]]) > 0.99e9).all()

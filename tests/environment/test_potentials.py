@@ -8,14 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sidestep.environment.potentials import (
-    UNREACHABLE,
-    at_clock,
-    crossing_times,
-    field_to_go,
-    time_to_go,
-    unchanging_to_go,
-)
+from sidestep.environment.costs import crossings
+from sidestep.environment.knowledge import field_to_go
+from sidestep.environment.potentials import UNREACHABLE, at_clock, cost_to_go, unchanging_to_go
+from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
 from sidestep.planners.search import earliest_arrivals
@@ -30,6 +26,16 @@ def goals(nodes: int, *which: int) -> jax.Array:
     return jnp.isin(jnp.arange(nodes), jnp.array(which))
 
 
+def world(network: RoadNetwork, field: SpeedField, rule: CrossingRule = "integrated") -> EnvParams:
+    """Where time is all that counts."""
+    alone = jax.tree.map(lambda leaf: leaf[None], field)
+    return EnvParams(network, alone, alone, jnp.float32(1e5), rule=rule)
+
+
+def to_go(network: RoadNetwork, field: SpeedField, goal: jax.Array, rule: CrossingRule = "integrated") -> jax.Array:
+    return field_to_go(world(network, field, rule), field, jnp.int32(0), goal)
+
+
 def line(*metres: float) -> RoadNetwork:
     """0 > 1 > 2 and so on, one way."""
     nodes = len(metres) + 1
@@ -40,17 +46,17 @@ def line(*metres: float) -> RoadNetwork:
 
 
 def test_constant_speeds_on_the_diamond(diamond, constant_field) -> None:
-    table = field_to_go(diamond, constant_field(diamond, 2.0), goals(4, 3))
+    table = to_go(diamond, constant_field(diamond, 2.0), goals(4, 3))
     # metres to node 3 at 2 m/s: 300 from 0, 200 from 1, 250 from 2
     np.testing.assert_allclose(table, [[150, 100, 125, 0]] * 2, atol=CLOSE)
     # to node 1: 100 from 0, 250 from 2 by 0, 200 from 3
-    table = field_to_go(diamond, constant_field(diamond, 2.0), goals(4, 1))
+    table = to_go(diamond, constant_field(diamond, 2.0), goals(4, 1))
     np.testing.assert_allclose(table, [[50, 0, 125, 100]] * 2, atol=CLOSE)
 
 
 def test_several_goals_at_once(diamond, constant_field) -> None:
     # whichever is nearer: from node 0, node 1 in 100 s; from node 3, node 1 in 200 s and node 2 in 250 s
-    table = field_to_go(diamond, constant_field(diamond), goals(4, 1, 2))
+    table = to_go(diamond, constant_field(diamond), goals(4, 1, 2))
     np.testing.assert_allclose(table, [[100, 0, 0, 200]] * 2, atol=CLOSE)
 
 
@@ -68,7 +74,7 @@ steady = hnp.arrays(np.float32, SEGMENTS, elements=st.floats(1 / 8, 4, width=32)
 destinations = st.sets(st.integers(0, NODES - 1), min_size=1, max_size=3)
 both = jax.jit(
     lambda network, speed, goal: (
-        field_to_go(network, speed_field(speed, SLOT_SECONDS), goal),
+        to_go(network, speed_field(speed, SLOT_SECONDS), goal),
         unchanging_to_go(network, network.length / speed[:, 0], goal),
     )
 )
@@ -83,9 +89,9 @@ def test_constant_speeds_are_dijkstras(
     seconds = np.asarray(network.length, float) / speed
     exact = np.min([distances_to(network, seconds, one) for one in goal], axis=0)
     reached = np.isfinite(exact)
-    for to_go in (*np.asarray(found[0]), np.asarray(found[1])):
-        np.testing.assert_allclose(to_go[reached], exact[reached], rtol=1e-5, atol=CLOSE)
-        assert (to_go[~reached] >= UNREACHABLE).all()
+    for found_to_go in (*np.asarray(found[0]), np.asarray(found[1])):
+        np.testing.assert_allclose(found_to_go[reached], exact[reached], rtol=1e-5, atol=CLOSE)
+        assert (found_to_go[~reached] >= UNREACHABLE).all()
 
 
 # --- Speeds that change ---------------------------------------------------------------------------------------------
@@ -94,7 +100,7 @@ def test_constant_speeds_are_dijkstras(
 def test_a_jam_that_clears_and_one_that_comes(diamond) -> None:
     # 1 m/s, but .1 m/s on 1 > 3 till 300 s and on 2 > 3 from then on
     speed = jnp.ones((8, 2)).at[1, 0].set(0.1).at[3, 1].set(0.1)
-    table = field_to_go(diamond, speed_field(speed, 300.0), goals(4, 3))
+    table = to_go(diamond, speed_field(speed, 300.0), goals(4, 3))
     # At 300 s: 200 s from node 1 and 300 s from node 0; from node 2 back and over the top, 150 + 300 s.
     # At 0 s: from node 1 30 m in the jam and 170 m after it, 470 s; from node 2 250 s, before the jam there.
     # From node 0: by 1, 100 s and then 470 - 1/3 * 270 = 380 s; by 2, 150 s and then 250 + 1/2 * 200 = 350 s.
@@ -104,7 +110,7 @@ def test_a_jam_that_clears_and_one_that_comes(diamond) -> None:
 def test_crossings_shorter_than_a_slot_lead_back_into_it() -> None:
     network = line(30, 30, 30)
     speed = jnp.array([1.0, 2.0]) * jnp.ones((3, 1))
-    table = field_to_go(network, speed_field(speed, 300.0), goals(4, 3))
+    table = to_go(network, speed_field(speed, 300.0), goals(4, 3))
     # From 300 s on 15 s a street. Before, 30 s a street are a tenth of the slot:
     # 30;  30 + .9 * 30 + .1 * 15 = 58.5;  30 + .9 * 58.5 + .1 * 30 = 85.65
     np.testing.assert_allclose(table, [[85.65, 58.5, 30, 0], [45, 30, 15, 0]], atol=CLOSE)
@@ -113,10 +119,12 @@ def test_crossings_shorter_than_a_slot_lead_back_into_it() -> None:
 def test_what_comes_after_the_last_slot() -> None:
     network, goal, later = line(150, 150), goals(3, 2), jnp.array([1000.0, 500, 0])
     # From node 1 150 s. From node 0 half a slot, to between 150 s now and 500 s later: 150 + 325.
-    found = time_to_go(network, jnp.array([[150.0, 150]]), 300.0, goal, later)
+    seconds = jnp.array([[150.0, 150]])
+    found = cost_to_go(network, seconds, seconds, 300.0, goal, later)
     np.testing.assert_allclose(found, [[475, 150, 0]], atol=CLOSE)
     # Two slots: after the last of them it is 500 s from node 1.
-    found = time_to_go(network, jnp.array([[600.0, 150]]), 300.0, goal, later)
+    seconds = jnp.array([[600.0, 150]])
+    found = cost_to_go(network, seconds, seconds, 300.0, goal, later)
     np.testing.assert_allclose(found, [[1100, 150, 0]], atol=CLOSE)
 
 
@@ -131,8 +139,10 @@ def test_what_comes_after_the_last_slot() -> None:
 )
 def test_the_rule_is_heeded(rule: CrossingRule, seconds: float) -> None:
     network, field = line(100), speed_field(jnp.array([[2.0, 0.5]]), 10.0)
-    np.testing.assert_allclose(crossing_times(field, network.length, rule), [[seconds], [200]])
-    np.testing.assert_allclose(field_to_go(network, field, goals(2, 1), rule), [[seconds, 0], [200, 0]], atol=CLOSE)
+    crossed = crossings(world(network, field, rule), field, jnp.int32(0))
+    np.testing.assert_allclose(crossed.seconds, [[seconds], [200]])
+    np.testing.assert_allclose(crossed.cost, crossed.seconds)
+    np.testing.assert_allclose(to_go(network, field, goals(2, 1), rule), [[seconds, 0], [200, 0]], atol=CLOSE)
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +164,7 @@ def test_changing_speeds_are_nearly_the_exact_searchs(rush) -> None:
     clock = slot * 300.0
     search = jax.jit(jax.vmap(lambda origin, at: earliest_arrivals(network, field, origin, at)[0][goal]))
     exact = search(node, clock) - clock
-    found = at_clock(field_to_go(network, field, goals(network.nodes, goal)), 300.0, clock, node)
+    found = at_clock(to_go(network, field, goals(network.nodes, goal)), 300.0, clock, node)
     error = np.abs(np.asarray(found / exact) - 1)
     assert error.mean() < 0.005
     assert error.max() < 0.03

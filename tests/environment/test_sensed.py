@@ -93,7 +93,7 @@ def town() -> EnvParams:
     crowds, expected = sensed(usual * np.array([1, 3, 0.5])[:, None, None], spread), sensed(usual, spread)
     goals = (jnp.arange(16) == GOAL)[None]
     params = EnvParams(network, crowds, expected, jnp.float32(1e5), level="map")
-    return replace(params, usual=jax.jit(usual_to_go, static_argnums=3)(network, expected, goals, "integrated"))
+    return replace(params, usual=jax.jit(usual_to_go)(params, goals))
 
 
 def walks(crowd: int) -> Instance:
@@ -120,7 +120,7 @@ def test_crowds_as_expected_surprise_nobody(town) -> None:
     seen = see_all(town, walks(0))
     valid = np.asarray(seen.valid)
     np.testing.assert_allclose(np.asarray(seen.usual.surprise)[valid], 0, atol=1e-6)
-    np.testing.assert_allclose(seen.usual.crossing, seen.local.crossing, rtol=1e-6)
+    np.testing.assert_allclose(seen.usual.cost, seen.local.crossing, rtol=1e-6)
 
 
 def test_surprise_is_a_logarithm(town) -> None:
@@ -143,7 +143,7 @@ def test_heavier_crowds_take_longer(town) -> None:
     # It is what it takes if the expected crowds are HEAVIER times as dense.
     dense = replace(town.expected, density=HEAVIER * town.expected.density)
     goals = (jnp.arange(16) == GOAL)[None]
-    other = jax.jit(usual_to_go, static_argnums=3)(town.network, dense, goals, "integrated").table[0, 0]
+    other = jax.jit(usual_to_go)(replace(town, expected=dense), goals).table[0, 0]
     onto = np.asarray(town.network.exit_node)[:15]
     np.testing.assert_allclose(heavier[valid], (np.asarray(other - town.usual.table[0, 0])[onto])[valid], atol=0.1)
 

@@ -46,7 +46,7 @@ def test_a_walk_is_its_steps(busy, make_instance, crowd: int, departure: float) 
         state, outcome = step(busy, state, jnp.int32(exits[int(state.node)]))
         nodes.append(int(state.node))
         clocks.append(float(state.clock))
-        seconds += float(outcome.seconds)
+        seconds += float(outcome.crossed.seconds)
     assert nodes == [0, 1, 2, 5, 4, 3, 6, 7, 8]
     assert bool(outcome.terminated)
     assert bool(walked.arrived)

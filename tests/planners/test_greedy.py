@@ -16,7 +16,7 @@ from sidestep.planners.search import Clairvoyant
 from sidestep.scenarios.catalogue import scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.worlds import instances, make_environment
-from sidestep.travel_time import speed_field
+from sidestep.travel_time import SpeedField, speed_field
 
 KEY = jax.random.key(0)
 GREEDY = (GreedyLocal(), GreedyMap(), Snapshot(), Forecast())
@@ -29,14 +29,14 @@ SLOT = 150.0
 def knowing(params: EnvParams) -> EnvParams:
     """All is known of the way to node 3; what is forecast from the counts is what comes."""
     network, field = params.network, params.crowds.of(jnp.int32(0))
-    usual = usual_to_go(network, params.expected, (jnp.arange(network.nodes) == 3)[None], params.rule)
+    usual = usual_to_go(params, (jnp.arange(network.nodes) == 3)[None])
+    params = replace(params, usual=usual, level="live")
 
-    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> jax.Array:
-        return field.speed[:, jnp.minimum(slot + jnp.arange(4), field.slots - 1)]
+    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
+        return speed_field(field.speed[:, jnp.minimum(slot + jnp.arange(4), field.slots - 1)], SLOT)
 
     volume = jnp.ones((1, field.slots, network.segments))
-    live = live_to_go(network, params.crowds, volume, ahead, usual, params.rule)
-    return replace(params, usual=usual, live=live, level="live")
+    return replace(params, live=live_to_go(params, volume, ahead))
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import draw_training_map, fingerprint
 
-FORMAT = 3
+FORMAT = 4
 MODEL = "model.eqx"
 CHECKPOINT = "checkpoint.eqx"
 Tree = TypeVar("Tree")

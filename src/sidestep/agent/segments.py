@@ -82,8 +82,8 @@ class SegmentQNetwork(eqx.Module):
             local.ahead / jnp.maximum(far, 1.0),
         ]
         streets = [
-            jnp.log(local.crossing / self.seconds),
-            jnp.log(local.crossing * FREE_SPEED / local.length),
+            jnp.log(local.cost / self.seconds),
+            jnp.log(local.cost * FREE_SPEED / local.length),
             local.length / self.metres - 1,
             (far - onward) / local.length,
             onward / self.metres / 10,
@@ -93,8 +93,8 @@ class SegmentQNetwork(eqx.Module):
         ]
         if seen.usual is not None:
             streets += [
-                jnp.log(seen.usual.crossing / self.seconds),
-                jnp.log(local.crossing / seen.usual.crossing),
+                jnp.log(seen.usual.cost / self.seconds),
+                jnp.log(local.cost / seen.usual.cost),
                 jnp.clip((seen.usual.to_go - least) / self.seconds, -FAR, FAR) / 3,
             ]
             if seen.usual.surprise is not None and seen.usual.heavier is not None:
@@ -109,7 +109,7 @@ class SegmentQNetwork(eqx.Module):
                 jnp.clip((seen.live.snapshot - estimate) / self.seconds, -FAR, FAR) / 3,
             ]
             if seen.usual is not None:
-                usually = local.crossing + seen.usual.to_go
+                usually = local.cost + seen.usual.to_go
                 streets.append(jnp.clip((usually - estimate) / self.seconds, -FAR, FAR) / 3)
         streets = [jnp.where(seen.valid, each, 0.0) for each in streets]
         return jnp.concatenate(state), jnp.stack(streets, axis=1)

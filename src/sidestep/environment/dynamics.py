@@ -1,12 +1,14 @@
 """Reset, step, reward and end of an episode, for one walker."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from sidestep.environment.costs import cross
 from sidestep.environment.observation import observe
 from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Observation, Outcome
 from sidestep.network.graph import ABSENT
-from sidestep.travel_time import crossing_time_in
 
 
 def reset(params: EnvParams, instance: Instance) -> tuple[EnvState, Observation]:
@@ -25,37 +27,30 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
     network = params.network
     way = existing_exit(network.exit_node[state.node], action)
     segment, node = network.exit_segment[state.node, way], network.exit_node[state.node, way]
-    seconds = segment_seconds(params, state.instance.crowd, segment, state.clock)
+    crossed = cross(params, state.instance.crowd, segment, state.clock)
     trail = jnp.concatenate([state.node[None], state.trail[:-1]])
-    after = EnvState(node, state.clock + seconds, state.instance, trail)
+    after = EnvState(node, state.clock + crossed.seconds, state.instance, trail)
+    if params.objective is None:  # time is what the clock says, rounding included
+        crossed = replace(crossed, cost=after.clock - state.clock)
     arrived = node == state.instance.destination
     outcome = Outcome(
         observation=observe(params, after),
-        reward=reward(params, state, after),
-        seconds=seconds,
+        reward=reward(params, state, after, crossed.cost),
+        crossed=crossed,
         terminated=arrived,
         truncated=~arrived & (after.clock - state.instance.departure >= params.horizon),
     )
     return after, outcome
 
 
-def reward(params: EnvParams, before: EnvState, after: EnvState) -> Float[Array, ""]:
-    """Reward of eq. 13 as corrected: minus the crossing time, plus the progress, plus the bonus of arriving."""
+def reward(params: EnvParams, before: EnvState, after: EnvState, cost: Float[Array, ""]) -> Float[Array, ""]:
+    """Reward of eq. 13 as corrected: minus the cost of the step, plus the progress, plus the bonus of arriving."""
     weights, destination = params.reward, before.instance.destination
     progress = params.network.straight_line(before.node, destination) - params.network.straight_line(
         after.node, destination
     )
     arrived = after.node == destination
-    return (before.clock - after.clock) / weights.unit_seconds + weights.progress * progress + weights.bonus * arrived
-
-
-def segment_seconds(
-    params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]
-) -> Float[Array, ""]:
-    """Seconds to cross a segment that is entered at ``clock`` in one of the crowds."""
-    speed, covered = params.crowds.through(crowd, segment)
-    length = params.network.length[segment]
-    return crossing_time_in(speed, covered, params.crowds.slot_seconds, length, clock, params.rule)
+    return -cost / weights.unit_seconds + weights.progress * progress + weights.bonus * arrived
 
 
 def existing_exit(exit_node: Int[Array, " exit"], action: Int[Array, ""]) -> Int[Array, ""]:

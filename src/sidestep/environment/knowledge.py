@@ -9,15 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.potentials import at_clock, crossing_times, field_to_go, time_to_go, unchanging_to_go
+from sidestep.environment.costs import crossings, standing, waiting
+from sidestep.environment.potentials import at_clock, cost_to_go, unchanging_to_go
 from sidestep.environment.types import HEAVIER, EnvParams, Instance, LiveToGo, UsualToGo
-from sidestep.network.graph import ABSENT, RoadNetwork
-from sidestep.travel_time import CrossingRule, SensedSpeeds, Speeds, speed_field
+from sidestep.network.graph import ABSENT
+from sidestep.travel_time import SensedSpeeds, SpeedField, Speeds
 
 WINDOW = 24  # slots that a forecast looks ahead; beyond, crowds are taken to be as usual
 Ahead = Callable[
-    [Float[Array, " counter"], Int[Array, ""], Int[Array, ""]], Float[Array, "segment window"]
-]  # speeds of a slot and the next ones from its counts, its number and the crowd's
+    [Float[Array, " counter"], Int[Array, ""], Int[Array, ""]], SpeedField
+]  # speeds in a slot and the next ones from its counts, its number and the crowd's
 
 
 def check_known(params: EnvParams, instances: Instance) -> None:
@@ -41,18 +42,60 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         raise ValueError("at level live, and where hours differ, crowd number c is for goal number c modulo goals")
 
 
-def usual_to_go(
-    network: RoadNetwork, expected: Speeds, goals: Bool[Array, "goal node"], rule: CrossingRule
-) -> UsualToGo:
-    """Expected times to some destinations; no node may belong to two goals."""
+def field_to_go(
+    params: EnvParams,
+    field: SpeedField,
+    crowd: Int[Array, ""],
+    goal: Bool[Array, " node"],
+    *,
+    every: int = 1,
+    phases: bool = False,
+) -> Float[Array, "step node"]:
+    """Cost from every node to the nearest goal through a whole field, whose last slot lasts for ever.
 
-    def tables(field: Speeds) -> Float[Array, "goal slot node"]:
+    Parameters
+    ----------
+    field
+        Speeds without alternatives.
+    crowd
+        Whose hour of the week decides how much traffic there is.
+    goal
+        Which nodes are destinations.
+    every
+        Steps in each slot, at whose beginnings costs are worked out.
+    phases
+        Whether the phases of lights are known.
+    """
+    crossed = crossings(params, field, crowd, every=every, phases=phases)
+    density = None if field.density is None else field.density[:, -1]
+    last = unchanging_from(params, field.speed[:, -1], density, crowd, (field.slots - 1) * field.slot_seconds, goal)
+    return cost_to_go(params.network, crossed.seconds, crossed.cost, field.slot_seconds / every, goal, last)
+
+
+def unchanging_from(
+    params: EnvParams,
+    speed: Float[Array, " segment"],
+    density: Float[Array, " segment"] | None,
+    crowd: Int[Array, ""],
+    clock: Float[Array, ""] | float,
+    goal: Bool[Array, " node"],
+) -> Float[Array, " node"]:
+    """Cost from every node to the nearest goal if crowds stayed for ever as they are at a clock."""
+    network = params.network
+    wait = waiting(params, crowd, jnp.arange(network.segments), jnp.full(network.segments, clock), phases=False)
+    return unchanging_to_go(network, standing(params, network.length, speed, density, wait).cost, goal)
+
+
+def usual_to_go(params: EnvParams, goals: Bool[Array, "goal node"]) -> UsualToGo:
+    """Expected costs of getting to some destinations; no node may belong to two goals."""
+
+    def tables(expected: Speeds) -> Float[Array, "goal slot node"]:
         def one(number: Int[Array, ""]) -> Float[Array, "slot node"]:
-            return field_to_go(network, field.of(number % field.count), goals[number], rule)
+            return field_to_go(params, expected.of(number % expected.count), number, goals[number])
 
         return jax.lax.map(one, jnp.arange(len(goals)))
 
-    heavier = None
+    expected, heavier = params.expected, None
     if isinstance(expected, SensedSpeeds):
         heavier = tables(replace(expected, density=HEAVIER * expected.density))
     return UsualToGo(
@@ -60,50 +103,45 @@ def usual_to_go(
     )
 
 
-def live_to_go(
-    network: RoadNetwork,
-    crowds: Speeds,
-    counted: Float[Array, "crowd slot counter"],
-    ahead: Ahead,
-    usual: UsualToGo,
-    rule: CrossingRule,
-) -> LiveToGo:
-    """Times from all counts of every slot of every crowd, for crowd number c to goal number c modulo goals.
+def live_to_go(params: EnvParams, counted: Float[Array, "crowd slot counter"], ahead: Ahead) -> LiveToGo:
+    """Costs from all counts of every slot of every crowd, for crowd number c to goal number c modulo goals.
 
     ``counted`` is what is known of each slot as it begins: the people on each segment, or at each sensor. ``ahead``
-    turns it into the speeds that are forecast from it; ``usual`` is what comes after its window.
+    turns it into the speeds that are forecast from it; what comes after its window is as usual.
     """
+    crowds, usual = params.crowds, params.usual
+    if usual is None:
+        raise ValueError("level live needs EnvParams.usual")
     count, slots = crowds.count, crowds.slots
     goals = usual.goal == jnp.arange(usual.table.shape[0])[:, None]
     which = jnp.arange(count) % goals.shape[0]
+    every = jnp.arange(params.network.segments)
 
     def one(number: Int[Array, ""]) -> tuple[Array, Array]:
         crowd, slot = number // slots, number % slots
         goal, after = goals[which[crowd]], usual.table[which[crowd]]
-        foreseen = ahead(counted[crowd, slot], slot, crowd)
-        forecast = _forecast(network, foreseen, slot, goal, after, crowds.slot_seconds, rule)
-        now = crowds.at(crowd, jnp.arange(network.segments), slot)
-        snapshot = unchanging_to_go(network, network.length / now, goal)
-        return forecast, snapshot
+        forecast = _forecast(params, ahead(counted[crowd, slot], slot, crowd), crowd, slot, goal, after)
+        density = None if params.objective is None else crowds.density_at(crowd, every, slot)
+        clock = slot * crowds.slot_seconds
+        return forecast, unchanging_from(params, crowds.at(crowd, every, slot), density, crowd, clock, goal)
 
     forecast, snapshot = jax.lax.map(one, jnp.arange(count * slots))
     return LiveToGo(forecast.reshape(count, slots, 2, -1), snapshot.reshape(count, slots, -1))
 
 
 def _forecast(
-    network: RoadNetwork,
-    speed: Float[Array, "segment window"],
+    params: EnvParams,
+    field: SpeedField,
+    crowd: Int[Array, ""],
     slot: Int[Array, ""],
     goal: Bool[Array, " node"],
     usual: Float[Array, "slot node"],
-    slot_seconds: float,
-    rule: CrossingRule,
 ) -> Float[Array, "2 segment"]:
-    """Seconds to the goal over each segment, entered as the slot begins and as it ends."""
-    field = speed_field(speed, slot_seconds)
-    crossing = crossing_times(field, network.length, rule)
+    """Cost to the goal over each segment, entered as the slot begins and as it ends."""
+    network, slot_seconds = params.network, field.slot_seconds
+    crossed = crossings(params, field, crowd, begins=slot * slot_seconds)
     later = usual[jnp.minimum(slot + field.slots, usual.shape[0] - 1)]
-    table = time_to_go(network, crossing, slot_seconds, goal, later)
+    table = cost_to_go(network, crossed.seconds, crossed.cost, slot_seconds, goal, later)
     table = jnp.concatenate([table, later[None]])
     over = jax.vmap(partial(at_clock, table, slot_seconds, node=network.head))
-    return crossing[:2] + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + crossing[:2])
+    return crossed.cost[:2] + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + crossed.seconds[:2])

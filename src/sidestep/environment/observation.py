@@ -5,9 +5,21 @@ from dataclasses import replace
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from sidestep.environment.costs import standing, waiting
 from sidestep.environment.potentials import at_clock
-from sidestep.environment.types import TRAIL, EnvParams, EnvState, Live, Local, Observation, Seen, Usual
-from sidestep.travel_time import FREE_SPEED, SensedSpeeds
+from sidestep.environment.types import (
+    FORBIDDEN,
+    TRAIL,
+    Crossing,
+    EnvParams,
+    EnvState,
+    Live,
+    Local,
+    Observation,
+    Seen,
+    Usual,
+)
+from sidestep.travel_time import FREE_SPEED, SensedSpeeds, Speeds
 
 EMPTY = 0.02  # persons/m² that make no difference
 
@@ -24,7 +36,9 @@ def observe_position(params: EnvParams, state: EnvState) -> Observation:
 
 
 def observe_local(params: EnvParams, state: EnvState) -> Observation:
-    """Level ``local``: also the clock, where the destination lies, and the streets that leave from here, with crowds.
+    """Level ``local``: also the clock, where the destination lies, and the streets that leave from here.
+
+    Their crowds and the phases of their lights are seen.
 
     Its estimate: each street at the speed that is seen on it, then straight on at free speed.
     """
@@ -33,18 +47,22 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
     length = network.length[segment]
     goal = network.position[state.instance.destination]
     remembered = state.trail == onto[:, None]
+    now = _seen_now(params, state, params.crowds, state.instance.crowd)
     local = Local(
         clock=state.clock,
         ahead=goal - network.position[state.node],
         onto=onto,
         onward=goal - network.position[onto],
         length=length,
-        crossing=length / params.crowds.at(state.instance.crowd, segment, _slot(params, state)),
+        crossing=now.seconds,
+        cost=now.cost,
         again=(state.trail == state.node).any(),
         left=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + TRAIL),
     )
-    straight = jnp.linalg.norm(local.onward, axis=1) / FREE_SPEED
-    return replace(observe_position(params, state), local=local, estimate=local.crossing + straight)
+    metres = jnp.linalg.norm(local.onward, axis=1)
+    # Nobody is met on streets that are not seen.
+    empty = standing(params, metres, jnp.full_like(metres, FREE_SPEED), jnp.zeros_like(metres), None)
+    return replace(observe_position(params, state), local=local, estimate=local.cost + empty.cost)
 
 
 def observe_map(params: EnvParams, state: EnvState) -> Observation:
@@ -60,26 +78,31 @@ def observe_map(params: EnvParams, state: EnvState) -> Observation:
     goal = known.goal[state.instance.destination]
     segment, slot = params.network.exit_segment[state.node], _slot(params, state)
     which = state.instance.crowd % params.expected.count
-    crossing = local.length / params.expected.at(which, segment, slot)
+    usually_now = _seen_now(params, state, params.expected, which)
 
     def to_go(table: Float[Array, "goal slot node"], enough: Float[Array, " exit"]) -> Float[Array, " exit"]:
         return at_clock(table, params.crowds.slot_seconds, state.clock + enough, local.onto, goal)
 
     crowds, expected = params.crowds, params.expected
     if not (isinstance(crowds, SensedSpeeds) and isinstance(expected, SensedSpeeds)) or known.heavier is None:
-        usual = Usual(crossing, to_go(known.table, local.crossing))
-        return replace(seen, usual=usual, estimate=local.crossing + usual.to_go)
+        usual = Usual(usually_now.cost, to_go(known.table, local.crossing))
+        return replace(seen, usual=usual, estimate=local.cost + usual.to_go)
     # What is seen here is seen on the streets beyond as well. Taken for this street's alone, it would send walkers
     # round the next corner, from where the way back is the fastest: then they would go to and fro.
     density = crowds.density_at(state.instance.crowd, segment, slot)
     usually = expected.density_at(which, segment, slot)
+    crossing = usually_now.seconds
     usual = Usual(
-        crossing,
+        usually_now.cost,
         to_go(known.table, crossing),
         surprise=jnp.log((density + EMPTY) / (usually + EMPTY)),
         heavier=to_go(known.heavier, crossing) - to_go(known.table, crossing),
     )
-    return replace(seen, usual=usual, estimate=crossing + usual.to_go)
+    estimate = usually_now.cost + usual.to_go
+    if params.objective is not None:  # but nobody enters where it is seen to be too dense
+        more = params.objective.too_dense(density) - params.objective.too_dense(usually)
+        estimate += FORBIDDEN * jnp.maximum(more, 0.0)
+    return replace(seen, usual=usual, estimate=estimate)
 
 
 def observe_live(params: EnvParams, state: EnvState) -> Observation:
@@ -95,11 +118,23 @@ def observe_live(params: EnvParams, state: EnvState) -> Observation:
     part = jnp.clip(state.clock / params.crowds.slot_seconds - slot, 0.0, 1.0)
     segment = params.network.exit_segment[state.node]
     begin, end = known.forecast[crowd, slot, 0, segment], known.forecast[crowd, slot, 1, segment]
-    live = Live(
-        snapshot=local.crossing + known.snapshot[crowd, slot, local.onto],
-        forecast=(1 - part) * begin + part * end,
-    )
+    forecast = (1 - part) * begin + part * end
+    if params.waits is not None:
+        # The forecast is worked out for lights at their mean wait; from here they are seen.
+        clock = jnp.full(segment.shape, state.clock)
+        seen_wait = params.waits.seconds(crowd, segment, clock) - params.waits.mean(crowd, segment, clock)
+        forecast += seen_wait if params.objective is None else params.objective.time * seen_wait
+    live = Live(snapshot=local.cost + known.snapshot[crowd, slot, local.onto], forecast=forecast)
     return replace(seen, live=live, estimate=live.forecast)
+
+
+def _seen_now(params: EnvParams, state: EnvState, crowds: Speeds, crowd: Int[Array, ""]) -> Crossing:
+    """What the streets that leave from here take and cost if their crowds stay as they are, with the lights as seen."""
+    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
+    density = None if params.objective is None else crowds.density_at(crowd, segment, slot)
+    clock = jnp.full(segment.shape, state.clock)
+    wait = waiting(params, state.instance.crowd, segment, clock, phases=True)
+    return standing(params, params.network.length[segment], crowds.at(crowd, segment, slot), density, wait)
 
 
 _OBSERVE = {"position": observe_position, "local": observe_local, "map": observe_map, "live": observe_live}

@@ -1,37 +1,25 @@
-"""Time-to-go potentials: from every node, at every time, the least time to a goal through changing crowds.
+"""Cost-to-go potentials: from every node, at every time, the least cost of getting to a goal through changing crowds.
 
-One pass by decreasing order of time (Chabini 1998, doi:10.3141/1645-21) serves all origins and all departures. Time is
+One pass by decreasing order of time (Chabini 1998, doi:10.3141/1645-21) serves all origins and all departures. Cost is
 known at the beginning of every slot and taken to be linear in between; crossings shorter than a slot lead back into it,
 which a short iteration settles. Exact where speeds do not change.
 """
-
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.network.graph import RoadNetwork
-from sidestep.travel_time import CrossingRule, SpeedField, crossing_time_in
 
 UNREACHABLE = 1e9  # s; finite, so that it can be interpolated
 SETTLED = 0.01  # s
 
 
-def crossing_times(
-    field: SpeedField, length: Float[Array, " segment"], rule: CrossingRule = "integrated"
-) -> Float[Array, "slot segment"]:
-    """Seconds to cross each segment, entered as each slot begins."""
-    clocks = jnp.arange(field.slots) * field.slot_seconds
-    enter = jax.vmap(partial(crossing_time_in, rule=rule), in_axes=(0, 0, None, 0, None))
-    return jax.lax.map(lambda clock: enter(field.speed, field.covered, field.slot_seconds, length, clock), clocks)
-
-
 def unchanging_to_go(
-    network: RoadNetwork, crossing: Float[Array, " segment"], goal: Bool[Array, " node"]
+    network: RoadNetwork, cost: Float[Array, " segment"], goal: Bool[Array, " node"]
 ) -> Float[Array, " node"]:
-    """Seconds from every node to the nearest goal if crossing times stay what they are (Bellman and Ford)."""
-    onward = jnp.where(network.valid, crossing[network.exit_segment], UNREACHABLE)
+    """Cost from every node to the nearest goal if those of crossing segments stay what they are (Bellman and Ford)."""
+    onward = jnp.where(network.valid, cost[network.exit_segment], UNREACHABLE)
     start = jnp.where(goal, 0.0, UNREACHABLE)
 
     def improve(carry: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -42,31 +30,32 @@ def unchanging_to_go(
     return jax.lax.while_loop(lambda carry: carry[1], improve, (start, jnp.bool_(True)))[0]
 
 
-def time_to_go(
+def cost_to_go(
     network: RoadNetwork,
-    crossing: Float[Array, "slot segment"],
+    seconds: Float[Array, "slot segment"],
+    cost: Float[Array, "slot segment"],
     slot_seconds: float,
     goal: Bool[Array, " node"],
     later: Float[Array, " node"],
 ) -> Float[Array, "slot node"]:
-    """Seconds from every node to the nearest goal, as each slot begins.
+    """Cost from every node to the nearest goal, as each slot begins.
 
     Parameters
     ----------
-    crossing
-        Seconds to cross each segment, entered as each slot begins.
+    seconds, cost
+        What it takes to cross each segment, entered as each slot begins.
     goal
-        Which nodes are destinations; 0 s there. Where there is no way, at least ``UNREACHABLE``.
+        Which nodes are destinations; 0 there. Where there is no way, at least ``UNREACHABLE``.
     later
-        Seconds to go after the last of the slots.
+        Cost to go after the last of the slots.
     """
-    slots = crossing.shape[0]
+    slots = seconds.shape[0]
     head, valid = network.exit_node, network.valid
     start = jnp.broadcast_to(later, (slots + 1, network.nodes))
 
-    def one_slot(table: Array, now: tuple[Array, Array]) -> tuple[Array, None]:
-        slot, seconds = now
-        seconds = seconds[network.exit_segment]
+    def one_slot(table: Array, now: tuple[Array, Array, Array]) -> tuple[Array, None]:
+        slot, seconds, cost = now
+        seconds, cost = seconds[network.exit_segment], cost[network.exit_segment]
         ahead = seconds / slot_seconds
         whole = jnp.floor(ahead)
         part = ahead - whole
@@ -75,7 +64,7 @@ def time_to_go(
         # Within this slot: to-go at its beginning is what is sought, and only at its end is it known.
         within = before == slot
         known = jnp.where(within, 0.0, (1 - part) * table[jnp.minimum(before, slots), head])
-        known = jnp.where(valid, seconds + known + part * table[beyond, head], UNREACHABLE)
+        known = jnp.where(valid, cost + known + part * table[beyond, head], UNREACHABLE)
         weight = jnp.where(within, 1 - part, 0.0)
 
         def settle(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -91,17 +80,8 @@ def time_to_go(
         )
         return table.at[slot].set(to_go), None
 
-    table, _ = jax.lax.scan(one_slot, start, (jnp.arange(slots), crossing), reverse=True)
+    table, _ = jax.lax.scan(one_slot, start, (jnp.arange(slots), seconds, cost), reverse=True)
     return table[:-1]
-
-
-def field_to_go(
-    network: RoadNetwork, field: SpeedField, goal: Bool[Array, " node"], rule: CrossingRule = "integrated"
-) -> Float[Array, "slot node"]:
-    """:func:`time_to_go` through a whole field, whose last slot lasts for ever."""
-    crossing = crossing_times(field, network.length, rule)
-    for_ever = unchanging_to_go(network, network.length / field.speed[:, -1], goal)
-    return time_to_go(network, crossing, field.slot_seconds, goal, for_ever)
 
 
 def at_clock(
@@ -111,7 +91,7 @@ def at_clock(
     node: Int[Array, " n"],
     goal: Int[Array, ""] | None = None,
 ) -> Float[Array, " n"]:
-    """Seconds to go from nodes at clocks, linear between the beginnings of slots; ``goal`` picks one of several tables.
+    """Cost to go from nodes at clocks, linear between the beginnings of slots; ``goal`` picks one of several tables.
 
     (It is part of the index, since picking a table first would copy it for every walker.)
     """

@@ -8,7 +8,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.flow.field import Field, SensedField
 from sidestep.network.graph import RoadNetwork
-from sidestep.travel_time import CrossingRule, SensedSpeeds, SpeedLaw, Speeds, speed_field
+from sidestep.travel_time import CrossingRule, SensedSpeeds, SpeedField, SpeedLaw, Speeds, speed_field
+from sidestep.waiting import Waits
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
 Seen = Literal["position", "local", "map", "live"]  # levels at which a walker can stand at a crossing
@@ -16,11 +17,41 @@ LEVELS: tuple[Seen, ...] = get_args(Seen)
 
 
 class RewardWeights(eqx.Module):
-    """Weights of eq. 13, as corrected: r = -c / unit + w_r (φ(t-1) - φ(t)) + bonus on arrival."""
+    """Weights of eq. 13, as corrected: r = -c / unit + w_r (φ(t-1) - φ(t)) + bonus on arrival, c the cost of a step."""
 
     unit_seconds: float = eqx.field(static=True, default=60.0)  # one unit of reward; the paper's -67 are minutes
     progress: float = eqx.field(static=True, default=1e-3)  # w_r, per metre of straight-line distance
     bonus: float = eqx.field(static=True, default=1.0)
+
+
+FORBIDDEN = 3600.0  # s that entering a street costs where nobody should; walkers without another way do
+
+
+class Objective(eqx.Module):
+    """What walkers keep low: a weighted sum of time, distance and the crowd that they meet.
+
+    Its unit is a second. Entering a segment whose density is above the maximum costs ``FORBIDDEN`` more.
+    """
+
+    time: float | Float[Array, ""] = 1.0  # for each second
+    distance: float | Float[Array, ""] = 0.0  # s for each metre
+    exposure: float | Float[Array, ""] = 0.0  # s for each person·s/m² met: the density, integrated over the walk
+    max_density: float | Float[Array, ""] | None = None  # persons/m² above which nobody should enter a street
+
+    def cost(
+        self,
+        seconds: Float[Array, "*n"],
+        metres: Float[Array, "*n"],
+        exposure: Float[Array, "*n"],
+        density: Float[Array, "*n"],
+    ) -> Float[Array, "*n"]:
+        """Cost of segments that are entered at a density."""
+        cost = self.time * seconds + self.distance * metres + self.exposure * exposure
+        return cost + FORBIDDEN * self.too_dense(density)
+
+    def too_dense(self, density: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """1 where nobody should enter, elsewhere 0."""
+        return jnp.zeros_like(density) if self.max_density is None else (density > self.max_density).astype(float)
 
 
 HEAVIER = 1.5
@@ -28,9 +59,9 @@ TRAIL = 8  # crossings that a walker remembers having left
 
 
 class UsualToGo(eqx.Module):
-    """What somebody knows who knows the map and its usual crowds: expected times to some destinations."""
+    """What somebody knows who knows the map and its usual crowds: expected costs of getting to some destinations."""
 
-    table: Float[Array, "goal slot node"]  # s to the destination, as each slot begins
+    table: Float[Array, "goal slot node"]  # to the destination, as each slot begins
     goal: Int[Array, " node"]  # which of the tables leads to a node; -1 where none does
     heavier: Float[Array, "goal slot node"] | None = None  # the same if all crowds were HEAVIER times as dense
 
@@ -38,13 +69,13 @@ class UsualToGo(eqx.Module):
 class LiveToGo(eqx.Module):
     """What can be worked out from all counts of a slot; each crowd's is for one destination.
 
-    ``forecast`` is known for the beginning and the end of the slot: in between, time is linear.
+    ``forecast`` is known for the beginning and the end of the slot: in between, costs are linear.
     """
 
     forecast: Float[
         Array, "crowd slot 2 segment"
-    ]  # s to the destination over each segment, if crowds go on as forecast
-    snapshot: Float[Array, "crowd slot node"]  # s to the destination, if crowds stay as they are
+    ]  # cost to the destination over each segment, if crowds go on as forecast
+    snapshot: Float[Array, "crowd slot node"]  # cost to the destination, if crowds stay as they are
 
 
 class EnvParams(eqx.Module):
@@ -59,6 +90,8 @@ class EnvParams(eqx.Module):
     level: Seen = eqx.field(static=True, default="position")  # what walkers see
     usual: UsualToGo | None = None  # levels map and live need it
     live: LiveToGo | None = None  # level live needs it
+    objective: Objective | None = None  # None: time alone
+    waits: Waits | None = None  # at lights and for gaps; None: nowhere
 
 
 class Instance(eqx.Module):
@@ -87,7 +120,8 @@ class Local(eqx.Module):
     onto: Int[Array, " exit"]  # next node
     onward: Float[Array, "exit 2"]  # m, from each next node to the destination
     length: Float[Array, " exit"]  # m
-    crossing: Float[Array, " exit"]  # s to cross each exit at the speed that is seen on it now
+    crossing: Float[Array, " exit"]  # s to cross each exit at the speed and with the lights that are seen now
+    cost: Float[Array, " exit"]  # of crossing it; the same where time is all that counts
     again: Bool[Array, ""]  # whether this crossing is remembered, having been left before
     left: Int[Array, " exit"]  # crossings since each next node was left; TRAIL + 1 where it is not remembered
 
@@ -95,18 +129,18 @@ class Local(eqx.Module):
 class Usual(eqx.Module):
     """What level ``map`` knows beside level ``local``."""
 
-    crossing: Float[Array, " exit"]  # s to cross each exit with the crowd that is usual now
-    to_go: Float[Array, " exit"]  # s from each next node to the destination, usually, from when it is reached
+    cost: Float[Array, " exit"]  # of crossing each exit with the crowd that is usual now
+    to_go: Float[Array, " exit"]  # cost from each next node to the destination, usually, from when it is reached
     # where crowds are known from sensors:
     surprise: Float[Array, " exit"] | None = None  # logarithm of the density that is seen over the usual one
-    heavier: Float[Array, " exit"] | None = None  # s more to the destination if all crowds were HEAVIER times as dense
+    heavier: Float[Array, " exit"] | None = None  # how much more that costs if all crowds were HEAVIER times as dense
 
 
 class Live(eqx.Module):
     """What level ``live`` knows beside level ``map``."""
 
-    snapshot: Float[Array, " exit"]  # s to the destination over each exit, if crowds stay as they are
-    forecast: Float[Array, " exit"]  # s to the destination over each exit, if crowds go on as forecast
+    snapshot: Float[Array, " exit"]  # cost to the destination over each exit, if crowds stay as they are
+    forecast: Float[Array, " exit"]  # cost to the destination over each exit, if crowds go on as forecast
 
 
 class Observation(eqx.Module):
@@ -126,7 +160,18 @@ class Observation(eqx.Module):
     # level live
     live: Live | None = None
     # every level beyond position
-    estimate: Float[Array, " exit"] | None = None  # s to the destination over each exit, as the level reckons
+    estimate: Float[Array, " exit"] | None = None  # cost to the destination over each exit, as the level reckons
+
+
+class Crossing(eqx.Module):
+    """One segment walked, or each of many."""
+
+    seconds: Float[Array, "*n"]  # with the wait before it
+    metres: Float[Array, "*n"]
+    cost: Float[Array, "*n"]  # s, or what counts as much
+    # None where time is all that counts:
+    exposure: Float[Array, "*n"] | None = None  # crowd met, person·s/m²
+    too_dense: Float[Array, "*n"] | None = None  # 1 where nobody should have entered
 
 
 class Outcome(eqx.Module):
@@ -134,14 +179,20 @@ class Outcome(eqx.Module):
 
     observation: Observation
     reward: Float[Array, ""]
-    seconds: Float[Array, ""]  # crossing time
+    crossed: Crossing
     terminated: Bool[Array, ""]  # arrived
     truncated: Bool[Array, ""]  # not arrived when the horizon was over
 
 
-def walking_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw) -> Speeds:
-    """Speeds on every segment from the people on it."""
+def walking_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
+    """Speeds on every segment from the people on it; ``densities`` are kept where objectives ask for them."""
     if isinstance(flow, SensedField):
         return SensedSpeeds(flow.sensed, flow.spread, law, flow.slot_seconds)
-    speed = law.speed(flow.density(network))
-    return speed_field(jnp.swapaxes(speed, -1, -2), flow.slot_seconds)
+    return dense_speeds(network, flow, law, densities=densities)
+
+
+def dense_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities: bool = False) -> SpeedField:
+    """The same, worked out on all segments."""
+    density = flow.density(network)
+    speed = jnp.swapaxes(law.speed(density), -1, -2)
+    return speed_field(speed, flow.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)

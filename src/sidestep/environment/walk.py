@@ -1,6 +1,7 @@
 """Whole walks: a decision rule applied from origin to destination."""
 
 from collections.abc import Callable
+from dataclasses import fields
 
 import equinox as eqx
 import jax
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.environment.dynamics import reset, step
-from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
+from sidestep.environment.types import Crossing, EnvParams, EnvState, Instance, Observation
 
 Decide = Callable[[Observation, Key[Array, ""]], Int[Array, ""]]  # which exit to take
 
@@ -19,9 +20,10 @@ Carry = tuple[
     Int[Array, ""],
     EnvState,
     Observation,
+    Crossing | None,
     Int[Array, " trace"],
     Float[Array, " trace"],
-]  # over, arrived, steps, where the walker is, what it sees, the trace
+]  # over, arrived, steps, where the walker is, what it sees, what it cost, the trace
 
 
 class Walk(eqx.Module):
@@ -30,6 +32,7 @@ class Walk(eqx.Module):
     seconds: Float[Array, ""]  # travel time; the horizon where the walk did not arrive by then
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
+    tally: Crossing | None  # the sum of all crossings; None where time is all that counts
     nodes: Int[Array, " trace"]
     clocks: Float[Array, " trace"]
 
@@ -45,17 +48,20 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
     arrived = instance.origin == instance.destination
 
     def onward(carry: Carry) -> Carry:
-        _, _, steps, state, observation, nodes, clocks = carry
+        _, _, steps, state, observation, tally, nodes, clocks = carry
         action = decide(observation, jax.random.fold_in(key, steps))
         state, outcome = step(params, state, action)
         later = jnp.arange(trace) > steps
         nodes, clocks = jnp.where(later, state.node, nodes), jnp.where(later, state.clock, clocks)
         done = outcome.terminated | outcome.truncated
-        return done, outcome.terminated, steps + 1, state, outcome.observation, nodes, clocks
+        if tally is not None:
+            tally = jax.tree.map(jnp.add, tally, outcome.crossed)
+        return done, outcome.terminated, steps + 1, state, outcome.observation, tally, nodes, clocks
 
-    _, arrived, steps, end, _, nodes, clocks = jax.lax.while_loop(
-        lambda carry: ~carry[0], onward, (arrived, arrived, jnp.int32(0), start, observation, nodes, clocks)
+    tally = None if params.objective is None else Crossing(*(jnp.float32(0) for _ in fields(Crossing)))
+    _, arrived, steps, end, _, tally, nodes, clocks = jax.lax.while_loop(
+        lambda carry: ~carry[0], onward, (arrived, arrived, jnp.int32(0), start, observation, tally, nodes, clocks)
     )
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
     seconds = jnp.where(arrived, jnp.minimum(end.clock - instance.departure, params.horizon), params.horizon)
-    return Walk(seconds, arrived, steps, nodes, clocks)
+    return Walk(seconds, arrived, steps, tally, nodes, clocks)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from time import perf_counter
 from typing import TypedDict
@@ -15,8 +15,9 @@ from jaxtyping import Float
 from sidestep.environment.dynamics import reset
 from sidestep.environment.observation import at_level
 from sidestep.environment.types import LEVELS, EnvParams, Instance
+from sidestep.environment.walk import Walk
 from sidestep.errors import SidestepError
-from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, Row, summarise
+from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, Row, Tally, joined, summarise
 from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
 from sidestep.planners.greedy import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.random_walk import RandomProgress, RandomWalk
@@ -57,6 +58,7 @@ class Walked:
     minutes: Float[np.ndarray, " walk"]
     arrived: np.ndarray
     decision_us: float
+    tally: Tally | None = None
 
 
 class Results(TypedDict):
@@ -68,6 +70,7 @@ class Results(TypedDict):
     maps: int
     walks: int
     seed: int
+    objective: dict[str, float | None] | None  # weights of what walkers keep low; None: time
     rival: str  # whom `difference_minutes` is taken to
     by_minutes: float | None
     planners: dict[str, Row]
@@ -97,6 +100,7 @@ class Comparison:
             "maps": self.maps,
             "walks": self.walks,
             "seed": self.seed,
+            "objective": None if self.scenario.objective is None else asdict(self.scenario.objective),
             "rival": rival,
             "by_minutes": by,
             "planners": summarise(self.records, self.seed, by, rival),
@@ -152,6 +156,7 @@ def compare(
             minutes=np.stack([walked.minutes for walked in found]),
             arrived=np.stack([walked.arrived for walked in found]),
             decision_us=float(np.median([walked.decision_us for walked in found])),
+            tally=joined([walked.tally for walked in found if walked.tally is not None], np.stack),
         )
         for name, found in collected.items()
         if found
@@ -198,6 +203,10 @@ def walk_map(
             np.concatenate([part.minutes for part in collected[name]])[:walks],
             np.concatenate([part.arrived for part in collected[name]])[:walks],
             float(np.median([part.decision_us for part in collected[name]])),
+            joined(
+                [part.tally for part in collected[name] if part.tally is not None],
+                lambda arrays: np.concatenate(arrays)[:walks],
+            ),
         )
         for name, planner in chosen.items()
     }
@@ -217,7 +226,19 @@ def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array)
         np.asarray(walked.seconds, np.float64) / 60,
         np.asarray(walked.arrived),
         1e6 * (planning / decisions + each),
+        tally_of(walked),
     )
+
+
+def tally_of(walked: Walk) -> Tally | None:
+    """What walks cost, where that is not time alone."""
+    tally = walked.tally
+    if tally is None:
+        return None
+    cost, exposure, metres, too_dense = (
+        np.asarray(each, np.float64) for each in (tally.cost, tally.exposure, tally.metres, tally.too_dense)
+    )
+    return Tally(cost / 60, exposure, metres, too_dense)
 
 
 def _decision_seconds(planner: Planner, params: EnvParams, plan: Plan, todo: Instance, key: jax.Array) -> float:

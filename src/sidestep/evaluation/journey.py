@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from sidestep.environment.dynamics import segment_seconds
+from sidestep.environment.costs import cross
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.environment.walk import Walk
 from sidestep.evaluation.directions import Leg
@@ -194,7 +194,7 @@ def _segment(params: EnvParams, here: int, there: int, before: float, after: flo
     parallel = np.asarray(params.network.exit_segment)[here, exits].tolist()
 
     def differs(segment: int) -> float:
-        taken = segment_seconds(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
+        taken = cross(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before)).seconds
         return abs(float(taken) - (after - before))
 
     return int(parallel[0]) if len(parallel) == 1 else int(min(parallel, key=differs))

@@ -1,8 +1,9 @@
 """What is reported of walks: means, savings and regrets with bootstrap intervals."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TypedDict
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import NotRequired, TypedDict
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,6 +15,21 @@ REFERENCE, BOUND, RIVAL = "shortest-path", "clairvoyant", "expected"  # rows tha
 
 
 @dataclass(frozen=True)
+class Tally:
+    """What walks cost by an objective, and what that is made of."""
+
+    cost: Float[np.ndarray, "*walks"]  # minutes, or what counts as much
+    exposure: Float[np.ndarray, "*walks"]  # crowd met, person·s/m²
+    metres: Float[np.ndarray, "*walks"]
+    too_dense: Float[np.ndarray, "*walks"]  # streets entered above the maximum density
+
+
+def joined(tallies: Sequence[Tally], join: Callable[[list[np.ndarray]], np.ndarray]) -> Tally | None:
+    """Several tallies as one; None where there are none, since time was all that counted."""
+    return Tally(*(join([getattr(one, of.name) for one in tallies]) for of in fields(Tally))) if tallies else None
+
+
+@dataclass(frozen=True)
 class Record:
     """How one planner's walks went. Walks are paired with those of the other planners, map by map."""
 
@@ -21,6 +37,12 @@ class Record:
     minutes: Float[np.ndarray, "map walk"]  # the horizon where a walk did not arrive
     arrived: Bool[np.ndarray, "map walk"]
     decision_us: float  # microseconds of planning and deciding for each decision, without potentials and live feed
+    tally: Tally | None = None  # None where time is all that counts
+
+    @property
+    def cost(self) -> Float[np.ndarray, "map walk"]:
+        """What planners are judged by: minutes, or what the objective makes of them."""
+        return self.minutes if self.tally is None else self.tally.cost
 
     @property
     def maps(self) -> int:
@@ -52,6 +74,11 @@ class Row(TypedDict):
     arrive_by: float | None  # share of the walks that arrive within the minutes asked about
     difference_minutes: float  # mean less that of the rival, by default `expected`: below zero where faster
     difference_ci95: list[float]  # paired
+    # With an objective savings, regrets and differences are those of costs, and these are there:
+    mean_cost_minutes: NotRequired[float]
+    mean_exposure: NotRequired[float]  # person·s/m²
+    mean_metres: NotRequired[float]
+    mean_too_dense: NotRequired[float]  # streets entered above the maximum density, on each walk
 
 
 def summarise(records: dict[str, Record], seed: int = 0, by: float | None = None, rival: str = RIVAL) -> dict[str, Row]:
@@ -62,8 +89,9 @@ def summarise(records: dict[str, Record], seed: int = 0, by: float | None = None
     ``saving_vs_shortest_path`` is 1 - mean/mean(shortest-path), ``regret`` mean/mean(clairvoyant) - 1. Intervals are
     95 % percentile bootstraps that resample whole maps, or walks where there is one map; the same resamples serve every
     planner, so that ratios are paired. A row that covers fewer maps is set against the same maps of the references.
+    With an objective all of these are of costs, not of minutes.
     """
-    return {name: _row(record, records, seed, by, records[rival].minutes) for name, record in records.items()}
+    return {name: _row(record, records, seed, by, records[rival].cost) for name, record in records.items()}
 
 
 def _row(
@@ -73,27 +101,36 @@ def _row(
     by: float | None,
     rivals: Float[np.ndarray, "map walk"],
 ) -> Row:
-    minutes = _units(record.minutes)
-    reference = _units(records[REFERENCE].minutes[: record.maps])
-    bound = _units(records[BOUND].minutes[: record.maps])
+    minutes, cost = _units(record.minutes), _units(record.cost)
+    reference = _units(records[REFERENCE].cost[: record.maps])
+    bound = _units(records[BOUND].cost[: record.maps])
     rival = _units(rivals[: record.maps])
-    again = np.random.default_rng(seed).integers(len(minutes), size=(RESAMPLES, len(minutes)))
-    means, bounds = minutes[again].mean(axis=1), bound[again].mean(axis=1)
-    return {
+    again = np.random.default_rng(seed).integers(len(cost), size=(RESAMPLES, len(cost)))
+    means, bounds = cost[again].mean(axis=1), bound[again].mean(axis=1)
+    single = spread(record.minutes, record.arrived, by)
+    row: Row = {
         "level": record.level,
         "maps": record.maps,
         "mean_minutes": float(minutes.mean()),
-        "ci95": _interval(means),
-        "saving_vs_shortest_path": float(1 - minutes.mean() / reference.mean()),
-        "best_saving": float(1 - (minutes / reference).min()),
-        "regret": float(minutes.mean() / bound.mean() - 1),
+        "ci95": _interval(minutes[again].mean(axis=1)),
+        "saving_vs_shortest_path": float(1 - cost.mean() / reference.mean()),
+        "best_saving": float(1 - (cost / reference).min()),
+        "regret": float(cost.mean() / bound.mean() - 1),
         "regret_ci95": _interval(means / bounds - 1),
         "arrival_rate": float(record.arrived.mean()),
         "decision_us": record.decision_us,
-        **spread(record.minutes, record.arrived, by),
-        "difference_minutes": float(minutes.mean() - rival.mean()),
+        "median_minutes": single["median_minutes"],
+        "p90_minutes": single["p90_minutes"],
+        "arrive_by": single["arrive_by"],
+        "difference_minutes": float(cost.mean() - rival.mean()),
         "difference_ci95": _interval(means - rival[again].mean(axis=1)),
     }
+    if record.tally is not None:
+        row["mean_cost_minutes"] = float(cost.mean())
+        row["mean_exposure"] = float(record.tally.exposure.mean())
+        row["mean_metres"] = float(record.tally.metres.mean())
+        row["mean_too_dense"] = float(record.tally.too_dense.mean())
+    return row
 
 
 class Spread(TypedDict):
@@ -129,6 +166,10 @@ def cells(name: str, row: Row, maps: int, columns: Iterable[str] = ()) -> dict[s
         "median": f"{row['median_minutes']:.1f}",
         "90 %": f"{row['p90_minutes']:.1f}",
         "in time": "" if row["arrive_by"] is None else percent(row["arrive_by"]),
+        "cost": f"{row.get('mean_cost_minutes', row['mean_minutes']):.1f}",
+        "exposure": f"{row.get('mean_exposure', math.nan):,.0f}",
+        "metres": f"{row.get('mean_metres', math.nan):,.0f}",
+        "too dense": f"{row.get('mean_too_dense', math.nan):.2f}",
         "saved": percent(row["saving_vs_shortest_path"]),
         "best map": percent(row["best_saving"]),
         "difference": f"{row['difference_minutes']:+.2f}",

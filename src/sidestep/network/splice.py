@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float64, Int
+from jaxtyping import Bool, Float, Float64, Int
 
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.snap import Snapped
@@ -28,6 +28,11 @@ class Spliced:
     street: Int[np.ndarray, " segment"]
     begin: Float64[np.ndarray, " segment"]  # part of the street's course at which a segment begins
     end: Float64[np.ndarray, " segment"]  # at which it ends: less than `begin` where it leads backwards
+
+    @property
+    def begins_whole(self) -> Bool[np.ndarray, " segment"]:
+        """Which segments begin where the segment that they are a piece of does."""
+        return (self.begin == 0.0) | (self.begin == 1.0)
 
     def course(self, segment: int) -> Float[np.ndarray, "point 2"]:
         """Longitude and latitude along one segment, in the direction in which it is walked."""

@@ -5,6 +5,8 @@ obey Bellman's equation and label-correcting finds the exact optimum. Under the 
 what is found then is the best of the walks that reach every crossing as early as possible, and no bound.
 """
 
+import math
+from collections.abc import Callable
 from functools import partial
 from typing import ClassVar
 
@@ -12,10 +14,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from sidestep.environment.costs import cross_in
+from sidestep.environment.knowledge import field_to_go
+from sidestep.environment.potentials import at_clock
 from sidestep.environment.types import EnvParams, Instance, Level, Seen
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 from sidestep.travel_time import CrossingRule, SpeedField, Speeds, crossing_time
+
+Wait = Callable[[Int[Array, "*n"], Float[Array, "*n"]], Float[Array, "*n"]] | None
+"""Seconds before segments that are come to at clocks, whichever are the first to leave being the first that came."""
 
 
 def earliest_arrivals(
@@ -24,6 +32,7 @@ def earliest_arrivals(
     origin: Int[Array, ""],
     departure: Float[Array, ""],
     rule: CrossingRule = "integrated",
+    wait: Wait = None,
 ) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
     """Earliest clock at which every node can be reached, and the segment over which it is.
 
@@ -38,7 +47,10 @@ def earliest_arrivals(
         at = arrival[network.tail]
         # A crossing entered at infinity is not a number, so unreached tails are asked about clock 0 and then put back.
         reached = jnp.isfinite(at)
-        there = jnp.where(reached, at + enter(segments, network.length, jnp.where(reached, at, 0.0)), jnp.inf)
+        entered = jnp.where(reached, at, 0.0)
+        entered = entered if wait is None else entered + wait(segments, entered)
+        at = at if wait is None else jnp.where(reached, entered, jnp.inf)
+        there = jnp.where(reached, at + enter(segments, network.length, entered), jnp.inf)
         earliest = jax.ops.segment_min(there, network.head, network.nodes)
         winner = jnp.where(there == earliest[network.head], segments, network.segments)
         by = jax.ops.segment_min(winner, network.head, network.nodes)
@@ -52,10 +64,10 @@ def earliest_arrivals(
 
 
 def fastest_exits(
-    network: RoadNetwork, field: SpeedField, instance: Instance, rule: CrossingRule
+    network: RoadNetwork, field: SpeedField, instance: Instance, rule: CrossingRule, wait: Wait = None
 ) -> Bool[Array, "node exit"]:
     """The exits along the fastest way of one walk."""
-    _, via = earliest_arrivals(network, field, instance.origin, instance.departure, rule)
+    _, via = earliest_arrivals(network, field, instance.origin, instance.departure, rule, wait)
 
     def back(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         node, chosen = carry
@@ -66,14 +78,52 @@ def fastest_exits(
     return chosen[network.exit_segment] & network.valid
 
 
-@jax.jit
-def _plan(params: EnvParams, fields: Speeds, instances: Instance) -> Bool[Array, "walk node exit"]:
+STEP, STEP_OF_LIGHTS = 60.0, 15.0  # s; the latter where their phases are known
+
+
+def cheapest_exits(
+    params: EnvParams, field: SpeedField, instance: Instance, *, phases: bool
+) -> Bool[Array, "node exit"]:
+    """The exits along the way of one walk that costs least, by the environment's objective.
+
+    Costs, unlike arrivals, obey no principle of the earliest: it may pay to arrive later. So they are worked out
+    backwards, for every ``STEP`` seconds, and taken to be linear in between: exact but for that.
+    """
+    network, crowd = params.network, instance.crowd
+    goal = jnp.arange(network.nodes) == instance.destination
+    step = STEP_OF_LIGHTS if phases and params.waits is not None else STEP
+    every = math.ceil(field.slot_seconds / step)
+    table = field_to_go(params, field, crowd, goal, every=every, phases=phases)
+
+    def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        node, clock, chosen, steps = carry
+        onto, segment = network.exit_node[node], network.exit_segment[node]
+        ahead = jax.vmap(lambda one: cross_in(params, field, crowd, one, clock, phases=phases))(segment)
+        to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
+        best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf))
+        # Where a way comes back to a crossing, what is done there the last time is what is remembered.
+        here = jnp.zeros(network.exits, bool).at[best].set(True)
+        return onto[best], clock + ahead.seconds[best], chosen.at[node].set(here), steps + 1
+
+    start = (instance.origin, instance.departure, jnp.zeros((network.nodes, network.exits), bool), jnp.int32(0))
+    *_, chosen, _ = jax.lax.while_loop(
+        lambda carry: (carry[0] != instance.destination) & (carry[3] < 4 * network.nodes), onward, start
+    )
+    return chosen
+
+
+@partial(jax.jit, static_argnames="phases")
+def _plan(params: EnvParams, fields: Speeds, instances: Instance, *, phases: bool) -> Bool[Array, "walk node exit"]:
     def one(instance: Instance) -> Bool[Array, "node exit"]:
         # The only field there is is not copied for every walk.
         field = fields.of(jnp.int32(0) if fields.count == 1 else instance.crowd % fields.count)
-        return fastest_exits(params.network, field, instance, params.rule)
+        if params.objective is not None:
+            return cheapest_exits(params, field, instance, phases=phases)
+        waits = params.waits
+        wait = None if waits is None else partial(waits.seconds if phases else waits.mean, instance.crowd)
+        return fastest_exits(params.network, field, instance, params.rule, wait)
 
-    return jax.vmap(one)(instances)
+    return jax.vmap(one)(instances) if params.objective is None else jax.lax.map(one, instances)
 
 
 class Expected:
@@ -85,7 +135,7 @@ class Expected:
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, params.expected, instances))
+        return Plan(None, _plan(params, params.expected, instances, phases=False))
 
 
 class Clairvoyant:
@@ -97,4 +147,4 @@ class Clairvoyant:
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, params.crowds, instances))
+        return Plan(None, _plan(params, params.crowds, instances, phases=True))

@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
-from sidestep.environment.types import LEVELS, RewardWeights, Seen
+from sidestep.environment.types import LEVELS, Objective, RewardWeights, Seen
 from sidestep.errors import SidestepError
 from sidestep.flow.counts import TEST, TRAIN
 from sidestep.flow.field import SLOT_SECONDS
@@ -54,6 +54,35 @@ class Sensor:
     place: tuple[float, float] | None = None  # latitude and longitude in degrees; None pairs it with some street
 
 
+@dataclass(frozen=True)
+class Traffic:
+    """Vehicles that walkers wait for (:class:`sidestep.waiting.Waits`), wherever a street crosses traffic.
+
+    OpenStreetMap knows where there are lights, but not how they are timed.
+    """
+
+    cycle: float = 90.0  # s from one green to the next, of all lights
+    green: float = 30.0  # s of each cycle in which walkers may go
+    offsets: int = 0  # seed that draws when in its cycle each light turns green
+    vehicles: float = 500.0  # an hour on each street crossed without lights, in the busiest hour of the day
+    gap: float = 8.0  # s between two vehicles in which walkers cross
+
+    def __post_init__(self) -> None:
+        if not 0 < self.green <= self.cycle < math.inf:
+            raise ScenarioError(
+                f"green must be a part of the cycle, both in seconds, not {self.green:g} of {self.cycle:g}"
+            )
+        if self.offsets < 0:
+            raise ScenarioError(f"offsets must be a seed of 0 or more, not {self.offsets}")
+        if not (0 <= self.vehicles <= MOST_VEHICLES and 0 < self.gap <= LONGEST_GAP):
+            raise ScenarioError(
+                f"vehicles must be 0 to {MOST_VEHICLES:,} an hour and gap above 0 s and up to {LONGEST_GAP:g}, "
+                f"not {self.vehicles:g} and {self.gap:g}"
+            )
+
+
+MOST_VEHICLES, LONGEST_GAP = 3_000, 20.0  # the mean wait grows exponentially with their product
+
 Place = int | tuple[float, float]
 """A crossing: its number, or latitude and longitude in degrees of a place near it."""
 
@@ -77,6 +106,7 @@ class Venue:
     noise: tuple[float, float] = (0.9, 0.0)  # of a table's crowds: memory from slot to slot, deviation of the logarithm
     origins: tuple[Place, ...] = ()  # where walks begin; by default at any crossing
     destinations: tuple[Place, ...] = ()  # where they end
+    traffic: Traffic | None = None  # that walkers wait for; None: they never do
 
     def __post_init__(self) -> None:
         self._check_source()
@@ -155,6 +185,7 @@ class Scenario:
     law: Law = "power"  # literal: above free speed where there is less than a person per m²
     rule: CrossingRule = "integrated"
     reward: RewardWeights = field(default_factory=RewardWeights)
+    objective: Objective | None = None  # what walkers keep low; None: time
     rush: RushHours | None = None  # instead of the ARIMA model
     venue: Venue | None = None  # instead of a grid and its crowds
     departures: tuple[float, float] = (0.0, 0.0)  # s, earliest and latest
@@ -188,6 +219,7 @@ class Scenario:
             raise ScenarioError(f"crowded_volume must be a positive mean and a deviation, not {mean} and {deviation}")
         self._check_walks()
         self._check_venue()
+        self._check_objective()
         for name in ("slot_seconds", "horizon"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ScenarioError(f"{name} must be a positive number of seconds, not {getattr(self, name)}")
@@ -206,6 +238,18 @@ class Scenario:
             raise ScenarioError(
                 "the law power has no speed where nobody walks, as in parts of a venue; power-capped has one"
             )
+
+    def _check_objective(self) -> None:
+        wanted = self.objective
+        if wanted is None:
+            return
+        for name in ("time", "distance", "exposure"):
+            if not 0 <= getattr(wanted, name) < math.inf:
+                raise ScenarioError(f"the weight of {name} must be a number of 0 or more, not {getattr(wanted, name)}")
+        if not wanted.time and not wanted.distance:
+            raise ScenarioError("time or distance must have a weight: all ways without a crowd would be the same")
+        if wanted.max_density is not None and not 0 < wanted.max_density < math.inf:
+            raise ScenarioError(f"max_density must be a positive number of persons/m², not {wanted.max_density}")
 
     @property
     def sensed(self) -> bool:
@@ -263,6 +307,7 @@ _TOWN: dict[str, Any] = {
     "maps": 1,
     "walks": 500,
 }
+_EVENT_DAY: Venue = replace(_TOWN["venue"], crowding=120.0, uneven=0.5, reach=40.0, places=10)
 BUILT_IN = {
     scenario.name: scenario
     for scenario in (
@@ -300,7 +345,12 @@ BUILT_IN = {
         Scenario(
             "helsinki",
             "central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
-            **_TOWN | {"venue": replace(_TOWN["venue"], crowding=120.0, uneven=0.5, reach=40.0, places=10)},
+            **_TOWN | {"venue": _EVENT_DAY},
+        ),
+        Scenario(
+            "helsinki-signals",
+            "helsinki with traffic lights, and vehicles to wait for where there are none (their timing is invented)",
+            **_TOWN | {"venue": replace(_EVENT_DAY, traffic=Traffic())},
         ),
     )
 }

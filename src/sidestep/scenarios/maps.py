@@ -21,6 +21,7 @@ from sidestep.network.splice import Spliced
 from sidestep.network.spread import Spread
 from sidestep.scenarios.catalogue import Scenario, ScenarioError
 from sidestep.scenarios.towns import town_crowds
+from sidestep.waiting import Waits
 
 Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
@@ -39,6 +40,7 @@ class CrowdedMap(eqx.Module):
     recorded: FlowModel | None = None  # what walks are tested on, where that was counted and is not simulated
     origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where walks begin; none: anywhere
     ends: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where they end; none: anywhere
+    waits: Waits | None = None  # at lights and for gaps in the traffic
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
@@ -48,14 +50,16 @@ class CrowdedMap(eqx.Module):
         """The same place with clock 0 at these hours of the week, for one goal each."""
         start = jnp.asarray(starts, jnp.float32)
         recorded = None if self.recorded is None else _starting(self.recorded, start)
-        return replace(self, flow=_starting(self.flow, start), recorded=recorded)
+        waits = None if self.waits is None else replace(self.waits, start=start)
+        return replace(self, flow=_starting(self.flow, start), recorded=recorded, waits=waits)
 
     def spliced(self, streets: Spliced) -> "CrowdedMap":
         """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
         flow, parent = self.flow, jnp.asarray(streets.parent)
         if isinstance(flow, SensorFlow):
             flow = replace(flow, spread=Spread(flow.spread.sensor[parent], flow.spread.weight[parent]))
-        return CrowdedMap(streets.network, flow, self.key, (streets.network.nodes,))
+        waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole))
+        return CrowdedMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
 
 
 def _starting(flow: FlowModel, start: Float[Array, " goal"]) -> FlowModel:
@@ -78,6 +82,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
             town.recorded,
             town.origins,
             town.destinations,
+            town.waits,
         )
     key = _key(seed, index)
     streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))

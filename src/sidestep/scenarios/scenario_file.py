@@ -5,12 +5,13 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from sidestep.environment.types import Objective
 from sidestep.errors import SidestepError
 from sidestep.files import reason
 from sidestep.scenarios.catalogue import (
@@ -20,10 +21,12 @@ from sidestep.scenarios.catalogue import (
     Scenario,
     ScenarioError,
     Sensor,
+    Traffic,
     Venue,
     changed,
     scenario,
 )
+from sidestep.scenarios.objectives import only_time, read_objective
 from sidestep.scenarios.toml_lines import Keys, line_of
 
 if TYPE_CHECKING:
@@ -47,12 +50,17 @@ class _WrongError(Exception):
 class _Field:
     """A key of the file: how its value is read, and which field of a scenario or venue it is."""
 
-    of: Literal["scenario", "venue"]
+    of: Literal["scenario", "venue", "traffic", "objective"]
     name: str
     read: Callable[[Any], object]
 
 
-def find_scenario(name_or_file: str | Path, *, crowding: float | None = None, **changes: object) -> Scenario:
+Given = dict[Keys, tuple[_Field, object]]
+
+
+def find_scenario(
+    name_or_file: str | Path, *, crowding: float | None = None, objective: str | None = None, **changes: object
+) -> Scenario:
     """A built-in scenario by its name, or one in a file, with some fields changed.
 
     Parameters
@@ -61,6 +69,9 @@ def find_scenario(name_or_file: str | Path, *, crowding: float | None = None, **
         A name; or a path, which ends in ``.toml``, has a separator in it, or is there.
     crowding
         Demand over that which was counted, instead of the scenario's own; for real places only.
+    objective
+        What walkers keep low, instead of the scenario's own, as
+        :func:`sidestep.scenarios.objectives.read_objective` reads it.
 
     Raises
     ------
@@ -68,6 +79,8 @@ def find_scenario(name_or_file: str | Path, *, crowding: float | None = None, **
         Unknown names and fields, impossible values, files that hold no scenario.
     """
     problem = changed(_named(str(name_or_file)), **changes)
+    if objective is not None:
+        problem = replace(problem, objective=read_objective(objective))
     if crowding is None:
         return problem
     if problem.venue is None:
@@ -160,7 +173,8 @@ class _Reader:
         problem = replace(_DEFAULTS, name=name or self.path.stem, summary="")
         venue = Venue()
         # What the others mean depends on the kind of counts.
-        for keys, (field, value) in sorted(given.items(), key=lambda item: item[0] != ("counts", "file")):
+        single = [item for item in given.items() if item[1][0].of not in _WHOLE]
+        for keys, (field, value) in sorted(single, key=lambda item: item[0] != ("counts", "file")):
             at = self._file(keys, folder, value) if keys[-1] == "file" else value
             try:
                 if field.of == "venue":
@@ -169,6 +183,7 @@ class _Reader:
                     problem = replace(problem, **{field.name: at})  # type: ignore[arg-type]
             except ScenarioError as error:
                 raise self._blamed(keys, str(error)) from error
+        problem, venue = self._with_wholes(problem, venue, given)
         slots = (problem.departures[1] + problem.horizon) / problem.slot_seconds
         if slots > MOST_SLOTS:
             keys = ("walking", "slot_minutes" if ("walking", "slot_minutes") in given else "horizon_minutes")
@@ -180,9 +195,23 @@ class _Reader:
         self._check_place(venue, given)
         return replace(problem, venue=venue)
 
-    def _given(self) -> dict[Keys, tuple[_Field, object]]:
+    def _with_wholes(self, problem: Scenario, venue: Venue, given: Given) -> tuple[Scenario, Venue]:
+        """Tables that are taken as a whole, since what one of their fields may be depends on the others."""
+        traffic, objective = (dict(self._fields_of(table, given)) for table in _WHOLE)
+        if "traffic" in self.values:
+            venue = replace(venue, traffic=self._at(("traffic",), lambda: Traffic(**traffic)))
+        if "objective" in self.values:
+            wanted = only_time(Objective(**objective))
+            problem = self._at(("objective",), lambda: replace(problem, objective=wanted))
+        return problem, venue
+
+    @staticmethod
+    def _fields_of(table: str, given: Given) -> Iterator[tuple[str, Any]]:
+        return ((field.name, value) for field, value in given.values() if field.of == table)
+
+    def _given(self) -> Given:
         """All fields of the file and their values, as a scenario has them."""
-        given: dict[Keys, tuple[_Field, object]] = {}
+        given: Given = {}
         for table, inner in self.values.items():
             if table not in _FIELDS:
                 self._check_name((table,), table, _FIELDS)
@@ -443,7 +472,7 @@ _TOP: dict[str, _Field] = {
     "name": _Field("scenario", "name", _words),
     "summary": _Field("scenario", "summary", _remark),
 }
-# Objectives will be a table of their own.
+_WHOLE = ("traffic", "objective")
 _FIELDS: dict[str, dict[str, _Field]] = {
     "network": {"file": _Field("venue", "streets", _words)},
     "counts": {
@@ -473,6 +502,19 @@ _FIELDS: dict[str, dict[str, _Field]] = {
         "origins": _Field("venue", "origins", _places),
         "destinations": _Field("venue", "destinations", _places),
         "count": _Field("scenario", "walks", _count),
+    },
+    "traffic": {
+        "cycle": _Field("traffic", "cycle", _number),
+        "green": _Field("traffic", "green", _number),
+        "offsets": _Field("traffic", "offsets", _seed),
+        "vehicles": _Field("traffic", "vehicles", _number),
+        "gap": _Field("traffic", "gap", _number),
+    },
+    "objective": {
+        "time": _Field("objective", "time", _number),
+        "distance": _Field("objective", "distance", _number),
+        "exposure": _Field("objective", "exposure", _number),
+        "max_density": _Field("objective", "max_density", _number),
     },
     "agent": {"level": _Field("scenario", "level", _choice("local", "map", "live"))},
 }

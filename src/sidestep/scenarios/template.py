@@ -125,6 +125,23 @@ destinations = []
 # Walks of a comparison. 500 by default.
 count = 500
 
+# Vehicles that walkers wait for where a street crosses traffic, as its lights and crossings are known from
+# OpenStreetMap. Without this table nobody waits. These are the defaults; none of them was measured.
+# [traffic]
+# cycle = 90  # seconds from one green to the next, of all lights
+# green = 30  # seconds of each cycle in which walkers may go
+# offsets = 0  # seed that draws when each light turns green
+# vehicles = 500  # an hour on each street that is crossed without lights, in the busiest hour of the day
+# gap = 8  # seconds between two vehicles in which walkers cross
+
+# What walkers keep low: the sum of these weights times seconds, metres, and the crowd met on the way (its density,
+# integrated over the walk, in person seconds per square metre). Without this table it is time.
+# [objective]
+# time = 1.0  # 1 by default
+# distance = 0.0
+# exposure = 0.5  # with 1, a second among one person per square metre counts as two
+# max_density = 4.0  # persons per square metre above which nobody should enter a street; by default none
+
 [agent]
 # What the agent sees: "local", "map" (the default) or "live". See docs/levels.md.
 level = "map"

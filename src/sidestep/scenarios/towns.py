@@ -28,6 +28,7 @@ from sidestep.network.town import Town, TownError
 from sidestep.scenarios.catalogue import Law, Place, ScenarioError, Sensor, Venue
 from sidestep.scenarios.tables import table_flow
 from sidestep.travel_time import FREE_SPEED
+from sidestep.waiting import Waits
 
 HOUR = 3600.0
 APART = 150.0  # m between sensors that are paired with streets, as far as there is room
@@ -42,6 +43,7 @@ class TownCrowds(eqx.Module):
     recorded: SensorFlow | None
     origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes; none: anywhere
     destinations: tuple[int, ...] = eqx.field(static=True, default=())
+    waits: Waits | None = None
 
 
 @lru_cache(maxsize=4)
@@ -85,9 +87,9 @@ def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> Tow
     if venue.tabled:
         crowds = table_of(venue, town)
         flow = table_flow(venue, crowds, network, slot_seconds=slot_seconds, law=law)
-        return TownCrowds(network, flow, None, origins, ends)
+        return TownCrowds(network, flow, None, origins, ends, waits_of(town, venue))
     sensed, recorded = _sensed(venue, town, network, slot_seconds)
-    return TownCrowds(network, sensed, recorded, origins, ends)
+    return TownCrowds(network, sensed, recorded, origins, ends, waits_of(town, venue))
 
 
 def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float) -> tuple[SensorFlow, SensorFlow]:
@@ -112,6 +114,26 @@ def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float)
     start = jnp.asarray(venue.starts(1), jnp.float32)
     flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds, None, venue.uneven)
     return flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)
+
+
+# Of the busiest hour's traffic, by hour of the day: a working day in a city, as an assumption.
+DAY_OF_TRAFFIC = (
+    0.10, 0.06, 0.05, 0.05, 0.08, 0.20, 0.45, 0.80, 0.95, 0.75, 0.70, 0.75,
+    0.80, 0.80, 0.80, 0.85, 0.95, 1.00, 0.85, 0.65, 0.50, 0.40, 0.30, 0.18,
+)  # fmt: skip
+
+
+def waits_of(town: Town, venue: Venue) -> Waits | None:
+    """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike."""
+    traffic = venue.traffic
+    if traffic is None:
+        return None
+    street, _ = town.street_of_segment()
+    turns = np.random.default_rng([traffic.offsets, town.streets]).uniform(0, traffic.cycle, town.streets)
+    lights, others, offset = (jnp.asarray(each[street], jnp.float32) for each in (town.signals, town.crossings, turns))
+    vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
+    start = jnp.asarray(venue.starts(1), jnp.float32)
+    return Waits(lights, others, offset, vehicles, start, traffic.cycle, traffic.green, traffic.gap)
 
 
 def sensors_of(venue: Venue) -> tuple[Sensor, ...]:

@@ -10,14 +10,23 @@ from jaxtyping import Array, Float, Int, Key
 
 from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.knowledge import WINDOW, live_to_go, usual_to_go
-from sidestep.environment.types import EnvParams, Instance, LiveToGo, Seen, UsualToGo, walking_speeds
+from sidestep.environment.types import (
+    EnvParams,
+    Instance,
+    LiveToGo,
+    Objective,
+    Seen,
+    dense_speeds,
+    walking_speeds,
+)
 from sidestep.flow.field import Field, FlowModel, SensedField
 from sidestep.flow.sensors import SensorFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.catalogue import GOLDEN, LAWS, Scenario, ScenarioError
 from sidestep.scenarios.maps import CrowdedMap, Purpose, purpose_key
 from sidestep.scenarios.towns import check_ways
-from sidestep.travel_time import SensedSpeeds, Speeds
+from sidestep.travel_time import SensedSpeeds, SpeedField, Speeds
+from sidestep.waiting import Waits
 
 
 def make_environment(
@@ -36,9 +45,10 @@ def make_environment(
     the highest that walkers will see; from ``map`` on it knows the ways to ``goals``, by default to the scenario's own
     destinations. Each ``part`` has futures of its own.
     """
-    goals = goals_of(place, 1) if goals is None else goals
+    nodes = jnp.asarray(goals_of(place, 1) if goals is None else goals, jnp.int32)
     key, flow = _future_key(place, purpose, part), place.flow_for(purpose)
-    return _environment(scenario, place.network, flow, key, crowds, level, jnp.asarray(goals, jnp.int32))
+    plain, objective = _apart(scenario)
+    return _environment(plain, objective, place.network, flow, place.waits, key, crowds, level, nodes)
 
 
 Futures = tuple[Speeds, LiveToGo | None]  # and what level live works out from their counts
@@ -46,9 +56,13 @@ Futures = tuple[Speeds, LiveToGo | None]  # and what level live works out from t
 
 def new_crowds(scenario: Scenario, place: CrowdedMap, params: EnvParams, number: int, crowds: int) -> Futures:
     """Other futures for a training, those of renewal ``number``, counted from 1."""
-    usual = params.usual if params.level == "live" else None
     key = _future_key(place, "learn", number)
-    return _futures(scenario, place.network, place.flow, usual, key, crowds)
+    return _futures(_apart(scenario)[0], place.flow, params, key, crowds)
+
+
+def _apart(scenario: Scenario) -> tuple[Scenario, Objective | None]:
+    """The scenario without its objective, and this: programs need not be compiled anew for other weights."""
+    return replace(scenario, objective=None), scenario.objective
 
 
 @jax.jit
@@ -74,61 +88,53 @@ def _future_key(place: CrowdedMap, purpose: Purpose, part: int) -> Key[Array, ""
 @partial(jax.jit, static_argnames=("scenario", "crowds", "level"))
 def _environment(
     scenario: Scenario,
+    objective: Objective | None,
     network: RoadNetwork,
     flow: FlowModel,
+    waits: Waits | None,
     key: Key[Array, ""],
     crowds: int,
     level: Seen,
     goals: Int[Array, "goal part"],
 ) -> EnvParams:
-    expected = walking_speeds(network, _expected(flow, scenario.slots), LAWS[scenario.law])
-    usual = None
-    if level in ("map", "live"):
-        where = jnp.zeros((len(goals), network.nodes), bool).at[jnp.arange(len(goals))[:, None], goals].set(True)
-        usual = usual_to_go(network, expected, where, scenario.rule)
-    drawn, live = _futures(scenario, network, flow, usual if level == "live" else None, key, crowds)
-    return EnvParams(
+    densities = objective is not None
+    expected = walking_speeds(network, _expected(flow, scenario.slots), LAWS[scenario.law], densities=densities)
+    params = EnvParams(
         network=network,
-        crowds=drawn,
+        crowds=expected,
         expected=expected,
         horizon=jnp.float32(scenario.horizon),
         reward=scenario.reward,
         rule=scenario.rule,
         level=level,
-        usual=usual,
-        live=live,
+        objective=objective,
+        waits=waits,
     )
+    if level in ("map", "live"):
+        where = jnp.zeros((len(goals), network.nodes), bool).at[jnp.arange(len(goals))[:, None], goals].set(True)
+        params = replace(params, usual=usual_to_go(params, where))
+    drawn, live = _futures(scenario, flow, params, key, crowds)
+    return replace(params, crowds=drawn, live=live)
 
 
 @partial(jax.jit, static_argnames=("scenario", "crowds"))
-def _futures(
-    scenario: Scenario,
-    network: RoadNetwork,
-    flow: FlowModel,
-    usual: UsualToGo | None,
-    key: Key[Array, ""],
-    crowds: int,
-) -> Futures:
-    """Speeds of possible futures and, with ``usual``, what can be worked out from their counts."""
-    law = LAWS[scenario.law]
+def _futures(scenario: Scenario, flow: FlowModel, params: EnvParams, key: Key[Array, ""], crowds: int) -> Futures:
+    """Speeds of possible futures and, at level ``live``, what can be worked out from their counts."""
     forecast = scenario.flows == "forecast"
     drawn = _expected(flow, scenario.slots) if forecast else flow.draw(key, crowds, scenario.slots)
-    speeds = walking_speeds(network, drawn, law)
-    if usual is None:
+    densities = params.objective is not None
+    speeds = walking_speeds(params.network, drawn, LAWS[scenario.law], densities=densities)
+    if params.level != "live":
         return speeds, None
+    return speeds, _live(scenario, flow, replace(params, crowds=speeds), drawn)
 
-    return speeds, _live(scenario, network, flow, speeds, drawn, usual)
 
+def _live(scenario: Scenario, flow: FlowModel, params: EnvParams, drawn: Field) -> LiveToGo:
+    def ahead(now: Float[Array, " counter"], slot: Int[Array, ""], crowd: Int[Array, ""]) -> SpeedField:
+        foreseen = drawn.with_counted(flow.ahead(now, slot, WINDOW, crowd))
+        return dense_speeds(params.network, foreseen, LAWS[scenario.law], densities=params.objective is not None)
 
-def _live(
-    scenario: Scenario, network: RoadNetwork, flow: FlowModel, speeds: Speeds, drawn: Field, usual: UsualToGo
-) -> LiveToGo:
-    def ahead(
-        now: Float[Array, " counter"], slot: Int[Array, ""], crowd: Int[Array, ""]
-    ) -> Float[Array, "segment window"]:
-        return LAWS[scenario.law].speed(drawn.with_counted(flow.ahead(now, slot, WINDOW, crowd)).density(network)).T
-
-    return live_to_go(network, speeds, drawn.counted, ahead, usual, scenario.rule)
+    return live_to_go(params, drawn.counted, ahead)
 
 
 @partial(jax.jit, static_argnames=("scenario", "slots", "forecasts"))
@@ -145,14 +151,8 @@ def see_counts(
     if not isinstance(crowds, SensedSpeeds) or params.usual is None:
         raise ValueError("only crowds that spread from sensors can be seen for some slots, by level map or live")
     density = crowds.density[:, :slots]
-    live = _live(
-        scenario,
-        params.network,
-        flow,
-        replace(crowds, density=density),
-        SensedField(density, crowds.spread, crowds.slot_seconds),
-        params.usual,
-    )
+    shown = replace(params, crowds=replace(crowds, density=density))
+    live = _live(scenario, flow, shown, SensedField(density, crowds.spread, crowds.slot_seconds))
     if not forecasts:  # the compiler then leaves out what they take
         live = LiveToGo(jnp.zeros_like(live.forecast), live.snapshot)
     return replace(params, live=live, level="live")

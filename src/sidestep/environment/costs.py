@@ -1,0 +1,136 @@
+"""What walking a segment takes and costs: seconds, metres, and the crowd that is met."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from sidestep.environment.types import Crossing, EnvParams, Objective
+from sidestep.travel_time import SpeedField, crossing_time_in, exposure_in
+
+
+def cross(params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
+    """Walk a segment to which somebody comes at ``clock``, in one of the crowds."""
+    speed, covered = params.crowds.through(crowd, segment)
+    density = None if params.objective is None else params.crowds.densities(crowd, segment)
+    wait = waiting(params, crowd, segment, clock, phases=True)
+    return _crossing(
+        params, clock, wait, speed, covered, density, params.network.length[segment], params.crowds.slot_seconds
+    )
+
+
+def cross_in(
+    params: EnvParams,
+    field: SpeedField,
+    crowd: Int[Array, ""],
+    segment: Int[Array, ""],
+    clock: Float[Array, ""],
+    *,
+    phases: bool,
+) -> Crossing:
+    """The same in a field without alternatives, with or without knowing the phases of lights."""
+    density = None if params.objective is None or field.density is None else field.density[segment]
+    wait = waiting(params, crowd, segment, clock, phases=phases)
+    length = params.network.length[segment]
+    return _crossing(
+        params, clock, wait, field.speed[segment], field.covered[segment], density, length, field.slot_seconds
+    )
+
+
+def crossings(
+    params: EnvParams,
+    field: SpeedField,
+    crowd: Int[Array, ""],
+    *,
+    begins: Float[Array, ""] | float = 0.0,
+    every: int = 1,
+    phases: bool = False,
+) -> Crossing:
+    """All segments of a field without alternatives, entered as its slots begin: arrays [step, segment].
+
+    Parameters
+    ----------
+    crowd
+        Whose hour of the week decides how much traffic there is.
+    begins
+        Clock at which the field begins.
+    every
+        Steps in each slot.
+    phases
+        Whether the phases of lights are known; else they take their mean wait.
+    """
+    segments = jnp.arange(params.network.segments)
+    steps = jnp.arange(field.slots * every) * (field.slot_seconds / every)
+    enter = jax.vmap(
+        partial(_crossing, params, slot_seconds=field.slot_seconds),
+        in_axes=(None, None if params.waits is None else 0, 0, 0, None if params.objective is None else 0, 0),
+    )
+    density = None if params.objective is None else field.density
+
+    def at(clock: Float[Array, ""]) -> Crossing:
+        wait = waiting(params, crowd, segments, jnp.full(segments.shape, begins + clock), phases=phases)
+        return enter(clock, wait, field.speed, field.covered, density, params.network.length)
+
+    return jax.lax.map(at, steps)
+
+
+def waiting(
+    params: EnvParams,
+    crowd: Int[Array, ""],
+    segment: Int[Array, "*n"],
+    clock: Float[Array, "*n"],
+    *,
+    phases: bool,
+) -> Float[Array, "*n"] | None:
+    """Wait in s before segments, if there is anything to wait for."""
+    if params.waits is None:
+        return None
+    return (params.waits.seconds if phases else params.waits.mean)(crowd, segment, clock)
+
+
+def standing(
+    params: EnvParams,
+    length: Float[Array, "*n"],
+    speed: Float[Array, "*n"],
+    density: Float[Array, "*n"] | None,
+    wait: Float[Array, "*n"] | None,
+) -> Crossing:
+    """Segments walked if their crowds stayed as they are."""
+    seconds = length / speed
+    seconds = seconds if wait is None else wait + seconds
+    if params.objective is None or density is None:
+        return Crossing(seconds, length, seconds)
+    return _weighed(params.objective, seconds, length, density * seconds, density)
+
+
+def _crossing(
+    params: EnvParams,
+    clock: Float[Array, ""],
+    wait: Float[Array, ""] | None,
+    speed: Float[Array, " slot"],
+    covered: Float[Array, " slot"],
+    density: Float[Array, " slot"] | None,
+    length: Float[Array, ""],
+    slot_seconds: float,
+) -> Crossing:
+    entered = clock if wait is None else clock + wait
+    seconds = crossing_time_in(speed, covered, slot_seconds, length, entered, params.rule)
+    seconds = seconds if wait is None else wait + seconds
+    if params.objective is None or density is None:
+        return Crossing(seconds, length, seconds)
+    # Those who wait stand in the crowd of the street that they are about to walk.
+    exposure = exposure_in(density, slot_seconds, clock, clock + seconds)
+    slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, density.shape[0] - 1)
+    return _weighed(params.objective, seconds, length, exposure, density[slot])
+
+
+def _weighed(
+    objective: Objective,
+    seconds: Float[Array, "*n"],
+    metres: Float[Array, "*n"],
+    exposure: Float[Array, "*n"],
+    density: Float[Array, "*n"],
+) -> Crossing:
+    cost = objective.cost(seconds, metres, exposure, density)
+    return Crossing(seconds, metres, cost, exposure, objective.too_dense(density))

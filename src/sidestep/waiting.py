@@ -1,0 +1,74 @@
+"""Waiting before streets that cross traffic: at lights, and for gaps between vehicles.
+
+Whoever comes later never leaves earlier (FIFO): at a light everybody who waits leaves as it turns green, and the wait
+for a gap changes by far less than a second from one second to the next.
+"""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+HOUR, DAY_HOURS = 3600.0, 24
+_CALM = 1e-6  # vehicles/s, fewer are none
+
+
+def gap_delay(vehicles: Float[Array, "*n"], gap: float) -> Float[Array, "*n"]:
+    """Mean wait in s for a gap of so many s between vehicles that come at random, so many a second (Adams 1936)."""
+    rate = jnp.maximum(vehicles, _CALM)
+    return (jnp.expm1(rate * gap) - rate * gap) / rate
+
+
+class Waits(eqx.Module):
+    """What keeps walkers waiting where a segment begins.
+
+    The phase of a segment's first light is seen by those who stand before it. Further lights on the same segment take
+    their mean wait, as nobody can say where on it they are, and so do crossings without lights: the delay of gap
+    acceptance, which grows with the traffic of the hour.
+    """
+
+    lights: Float[Array, " segment"]  # crossings with lights on each segment
+    others: Float[Array, " segment"]  # crossings of traffic without lights
+    offset: Float[Array, " segment"]  # s: the first light turns green at this clock, and every `cycle` from then on
+    vehicles: Float[Array, "24"]  # vehicles/s on each street that is crossed without lights, by hour of the day
+    start: Float[Array, " world"]  # hour of the week at clock 0; crowd number c has number c modulo their count
+    cycle: float = eqx.field(static=True)  # s
+    green: float = eqx.field(static=True)  # s of each cycle
+    gap: float = eqx.field(static=True)  # s between vehicles that walkers need
+
+    def seconds(
+        self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]:
+        """Wait in s of those who come to segments at clocks, in one of the crowds."""
+        phase = jnp.mod(clock - self.offset[segment], self.cycle)
+        red = jnp.where(phase < self.green, 0.0, self.cycle - phase)
+        lights = self.lights[segment]
+        first = jnp.minimum(lights, 1.0)
+        return first * red + (lights - first) * self.mean_red + self.others[segment] * self._delay(crowd, clock)
+
+    def mean(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """The same for those who do not know the phases of lights."""
+        return self.lights[segment] * self.mean_red + self.others[segment] * self._delay(crowd, clock)
+
+    def on(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "Waits":
+        """The same on pieces of the segments; only the first piece of each has something to wait for."""
+        return replace(
+            self,
+            lights=self.lights[parent] * first,
+            others=self.others[parent] * first,
+            offset=self.offset[parent],
+        )
+
+    @property
+    def mean_red(self) -> float:
+        """Mean wait at a light in s, of those who come at any time."""
+        return (self.cycle - self.green) ** 2 / (2 * self.cycle)
+
+    def _delay(self, crowd: Int[Array, ""], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        # Straight from the middle of one hour to the middle of the next.
+        hour = self.start[crowd % self.start.shape[0]] + clock / HOUR - 0.5
+        before = jnp.floor(hour)
+        part, before = hour - before, before.astype(jnp.int32)
+        rate = (1 - part) * self.vehicles[before % DAY_HOURS] + part * self.vehicles[(before + 1) % DAY_HOURS]
+        return gap_delay(rate, self.gap)
