@@ -44,6 +44,13 @@ def test_who_comes_at_red_leaves_as_it_turns_green(clock: float, red: float) -> 
     assert seconds(waits(), clock) == pytest.approx([red, red + 40, 2 * DELAY], rel=1e-5)
 
 
+def test_every_crowd_meets_the_lights_elsewhere_in_their_cycle() -> None:
+    # Crowd 1 is .618034 * 90 = 55.62306 s later: at 50 s its light is green from -14.4 to 15.6 s, then from 75.6 on.
+    assert seconds(waits(), 50.0, crowd=1)[0] == pytest.approx(75.62306 - 50, abs=1e-3)
+    red = [seconds(waits(), 50.0, crowd)[0] for crowd in range(90)]
+    assert np.mean(red) == pytest.approx(20, abs=0.5)
+
+
 def test_without_the_phases_lights_take_their_mean_wait() -> None:
     for clock in (0.0, 35.0, 80.0):
         found = waits().mean(jnp.int32(0), ALL, jnp.full(3, clock))
@@ -74,7 +81,7 @@ def test_traffic_goes_straight_from_hour_to_hour_and_by_the_crowds_own_day() -> 
         (1, 3600, 0.2),
         (3, 3600, 0.2),
     ):
-        assert seconds(found, clock, crowd)[2] == pytest.approx(delay(rate), abs=1e-3), (crowd, clock)
+        assert seconds(found, clock, crowd)[2] == pytest.approx(delay(rate), rel=1e-3), (crowd, clock)
 
 
 leave: Callable[..., jax.Array] = jax.jit(lambda found, clock: clock + found.seconds(jnp.int32(0), ALL, clock))

@@ -492,6 +492,49 @@ def _hand_over(out: Path | None, show: "Callable[[], None]") -> None:
     write_text(out, text.getvalue())
 
 
+@app.command(name="trade-off")
+def trade_off(
+    scenario: ScenarioOption,
+    /,
+    *,
+    planners: Annotated[str, Parameter(help="Planners with commas between, a curve each.")] = "expected,clairvoyant",
+    weights: Annotated[
+        str, Parameter(help="Weights of exposure with commas between, in seconds for each person·s/m².")
+    ] = "0,0.1,0.2,0.5,1,2,5,10",
+    walks: Annotated[int, Whole(help="Walks for each weight.")] = 20,
+    changes: Changes = UNCHANGED,
+    out: Annotated[Path, Parameter(help="File for the picture, PNG.")] = Path("trade-off.png"),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Weigh the crowd that is met against time, more and more, and draw what each costs in terms of the other."""
+    _at_least("seed", seed, 0)
+    _at_least("walks", walks, 1)
+    steps = [_weight(weight) for weight in weights.split(",")]
+    _start_jax()
+    from sidestep.experiments.figures import save, trade_off_curve
+    from sidestep.experiments.tradeoff import trade_off as run
+    from sidestep.files import output_folder
+
+    problem = _scenario(scenario, changes)
+    output_folder(out.parent)
+    with console.progress("weighing", len(steps), 1, "weights") as advance:
+        found = run(
+            problem,
+            planners=[name.strip() for name in planners.split(",")],
+            weights=steps,
+            walks=walks,
+            seed=seed,
+            on_weight=lambda weight: advance(f"weight {weight:g}"),
+        )
+    save(trade_off_curve(found), out)
+    if as_json:
+        print(json.dumps({**found.as_json(), "picture": str(out)}, indent=2, ensure_ascii=False))
+        return
+    console.show_trade_off(found.as_json())
+    print(f"Picture: {out}")
+
+
 counts_app = App(name="counts", help="Counts and crowds: what a file holds, and what is made of it.")
 app.command(counts_app)
 
@@ -663,6 +706,16 @@ def _width(option: str) -> tuple[str, float]:
         return kind.strip(), float(metres)
     except ValueError as error:
         raise SidestepError(f"--width must be KIND=METRES, such as footway=2.5, not {option!r}") from error
+
+
+def _weight(text: str) -> float:
+    try:
+        weight = float(text)
+    except ValueError:
+        weight = math.nan
+    if not 0 <= weight < math.inf:
+        raise SidestepError(f"--weights must be numbers of 0 or more with commas between, not {text.strip()!r:.40}")
+    return weight
 
 
 def _minutes(by: float | None, option: str = "by") -> None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sidestep.evaluation.compare import Results
     from sidestep.evaluation.foresight import PlannedWalk
     from sidestep.evaluation.itinerary import JourneyJson
+    from sidestep.experiments.tradeoff import TradeOffJson
     from sidestep.flow.summary import CountSummary
     from sidestep.network.osm import ImportReport
     from sidestep.scenarios.tables import TableReport
@@ -85,9 +86,28 @@ def show_walk(walk: "PlannedWalk") -> None:
         print(f"Arrives within {walk['by_minutes']:g} min with probability {walk['arrive_by']:.2f}")
 
 
+def show_trade_off(found: "TradeOffJson") -> None:
+    """Print a trade-off between time and exposure as a table."""
+    title = f"{found['scenario']}: {found['walks']} walks for each weight of exposure, seed {found['seed']}"
+    columns = ("planner", ">weight", ">minutes", ">person·s/m² met", ">metres", ">arrive")
+    table = _table(*columns, title=f"{title}\n{found['summary']}" if found["summary"] else title)
+    rows = [(name, f"{point['weight']:g}", point) for name, points in found["curves"].items() for point in points]
+    for name, weight, point in (("shortest-path", "", found["shortest_path"]), *rows):
+        table.add_row(
+            name,
+            weight,
+            f"{point['minutes']:.2f}",
+            f"{point['exposure']:,.0f}",
+            f"{point['metres']:,.0f}",
+            f"{point['arrival_rate']:.1%}",
+        )
+    _print(table)
+
+
 def show_journey(walk: "JourneyJson") -> None:
     """Print the way through a real place, turn by turn, and how long it may take."""
-    print(f"{walk['planner']} ({walk['level']}), departing {walk['departs']}, if crowds are as expected:")
+    low = "" if walk["objective"] is None else f", keeping low {objective_in_words(walk['objective'])}"
+    print(f"{walk['planner']} ({walk['level']}), departing {walk['departs']}{low}, if crowds are as expected:")
     for end in (walk["origin"], walk["destination"]):
         if end["metres_away"] >= 1:
             print(f"{end['asked']} is {end['metres_away']:,.0f} m from the street")
@@ -107,7 +127,7 @@ def show_journey(walk: "JourneyJson") -> None:
     end_of = "" if walk["arrives"] else " without arriving"
     print(
         f"{walk['metres']:,.0f} m, {walk['expected_minutes']:.1f} min{end_of}; crowds on the way: {walk['crowding']}, "
-        f"{walk['mean_density']:.2f} persons/m²"
+        f"{walk['mean_density']:.2f} persons/m², {walk['exposure']:,.0f} person·s/m² met"
     )
     print(
         f"In {walk['futures']} simulated future{'s' * (walk['futures'] > 1)}: median {walk['median_minutes']:.1f} min, "

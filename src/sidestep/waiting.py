@@ -4,6 +4,7 @@ Whoever comes later never leaves earlier (FIFO): at a light everybody who waits 
 for a gap changes by far less than a second from one second to the next.
 """
 
+import math
 from dataclasses import replace
 
 import equinox as eqx
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 HOUR, DAY_HOURS = 3600.0, 24
+GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, less their whole part, spread evenly
 _CALM = 1e-6  # vehicles/s, fewer are none
 
 
@@ -23,14 +25,15 @@ def gap_delay(vehicles: Float[Array, "*n"], gap: float) -> Float[Array, "*n"]:
 class Waits(eqx.Module):
     """What keeps walkers waiting where a segment begins.
 
-    The phase of a segment's first light is seen by those who stand before it. Further lights on the same segment take
+    The phase of a segment's first light is seen by those who stand before it. All lights keep in step with one another,
+    but nobody knows beforehand where in the cycle they are: every crowd's begin elsewhere in it. Further lights on the same segment take
     their mean wait, as nobody can say where on it they are, and so do crossings without lights: the delay of gap
     acceptance, which grows with the traffic of the hour.
     """
 
     lights: Float[Array, " segment"]  # crossings with lights on each segment
     others: Float[Array, " segment"]  # crossings of traffic without lights
-    offset: Float[Array, " segment"]  # s: the first light turns green at this clock, and every `cycle` from then on
+    offset: Float[Array, " segment"]  # s: for crowd 0 the first light turns green at this clock and every `cycle` later
     vehicles: Float[Array, "24"]  # vehicles/s on each street that is crossed without lights, by hour of the day
     start: Float[Array, " world"]  # hour of the week at clock 0; crowd number c has number c modulo their count
     cycle: float = eqx.field(static=True)  # s
@@ -41,7 +44,8 @@ class Waits(eqx.Module):
         self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
     ) -> Float[Array, "*n"]:
         """Wait in s of those who come to segments at clocks, in one of the crowds."""
-        phase = jnp.mod(clock - self.offset[segment], self.cycle)
+        turn = jnp.mod(crowd * GOLDEN, 1.0) * self.cycle
+        phase = jnp.mod(clock - turn - self.offset[segment], self.cycle)
         red = jnp.where(phase < self.green, 0.0, self.cycle - phase)
         lights = self.lights[segment]
         first = jnp.minimum(lights, 1.0)

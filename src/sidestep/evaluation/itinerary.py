@@ -1,5 +1,6 @@
 """The shape of ``route --json`` for real places."""
 
+from dataclasses import asdict
 from typing import TypedDict
 
 import numpy as np
@@ -58,6 +59,7 @@ class JourneyJson(TypedDict):
     """A planned walk through a real place in ``route --json``."""
 
     scenario: str
+    objective: dict[str, float | None] | None  # weights of what is kept low; None: time
     planner: str
     level: str
     departure: str | None
@@ -74,6 +76,7 @@ class JourneyJson(TypedDict):
     expected_minutes: float
     arrives: bool
     mean_density: float
+    exposure: float  # crowd met, person·s/m²
     crowding: str
     futures: int
     median_minutes: float
@@ -92,6 +95,7 @@ def itinerary(journey: Journey, by: float | None = None) -> JourneyJson:
     density = mean_density(journey.legs)
     return {
         "scenario": trip.scenario.name,
+        "objective": None if trip.scenario.objective is None else asdict(trip.scenario.objective),
         "planner": journey.planner.name,
         "level": journey.planner.level,
         "departure": None if trip.departure.time is None else trip.departure.time.isoformat(),
@@ -129,6 +133,7 @@ def itinerary(journey: Journey, by: float | None = None) -> JourneyJson:
         "expected_minutes": journey.route.seconds / 60,
         "arrives": journey.route.arrived,
         "mean_density": density,
+        "exposure": sum(60 * leg.minutes * leg.density for leg in journey.legs),
         "crowding": crowding_word(density),
         "futures": len(journey.minutes),
         "median_minutes": found["median_minutes"],

@@ -15,6 +15,7 @@ from matplotlib.patheffects import withStroke
 
 from sidestep.environment.types import EnvParams
 from sidestep.evaluation.journey import Journey
+from sidestep.experiments.tradeoff import TradeOff
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Route
@@ -180,6 +181,44 @@ def route_map(journey: Journey) -> Figure:
     )
     # Below the axes, where nothing lies under it.
     figure.supxlabel(f"Streets: {town.attribution}\nCrowds: {trip.crowds}", fontsize=8, color=INK)
+    return figure
+
+
+def trade_off_curve(found: TradeOff) -> Figure:
+    """Minutes against the crowd met, one curve for each planner, one point for each weight of exposure."""
+    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    axes = figure.subplots()
+    for number, (name, points) in enumerate(found.curves.items()):
+        minutes, exposure = ([point[of] for point in points] for of in ("minutes", "exposure"))
+        colour = COLOURS.get(name, f"C{number}")
+        axes.plot(minutes, exposure, color=colour, linewidth=2, marker="o", label=name, zorder=3)
+        for point in points:
+            axes.annotate(
+                f"{point['weight']:g}",
+                (point["minutes"], point["exposure"]),
+                xytext=(6, 5),
+                textcoords="offset points",
+                fontsize=8,
+                color=colour,
+                **_HALO,
+            )
+    axes.set_xlabel("minutes")
+    axes.set_ylabel("crowd met, person·s/m²")
+    axes.margins(0.08)
+    axes.set_ylim(bottom=0)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False)
+    shortest = found.shortest_path
+    axes.set_title(
+        f"{found.scenario.name}: means of {found.walks} walks, seed {found.seed}; the numbers are weights of exposure\n"
+        f"off the picture: shortest-path, {shortest['minutes']:.1f} min and {shortest['exposure']:,.0f} person·s/m²",
+        loc="left",
+        fontsize=10,
+        color=INK,
+    )
+    below = found.scenario.summary + (f"\nStreets: {found.attribution}" if found.attribution else "")
+    figure.supxlabel(below, fontsize=8, color=INK)
     return figure
 
 

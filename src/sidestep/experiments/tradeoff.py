@@ -1,0 +1,114 @@
+"""The trade-off between time and the crowd that is met: the same walks with more and more weight on exposure."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypedDict
+
+import numpy as np
+
+from sidestep.environment.types import Objective
+from sidestep.errors import SidestepError
+from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
+from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record
+from sidestep.scenarios.catalogue import Scenario
+from sidestep.scenarios.towns import town_of
+
+WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # s for each person·s/m²
+WALKS = 20
+CURVES = (RIVAL, BOUND)
+
+
+class Point(TypedDict):
+    """Means of the walks of one planner with one weight."""
+
+    weight: float  # s for each person·s/m²
+    minutes: float
+    exposure: float  # person·s/m²
+    metres: float
+    arrival_rate: float
+
+
+class TradeOffJson(TypedDict):
+    """The shape of ``trade-off --json``."""
+
+    scenario: str
+    summary: str
+    walks: int
+    seed: int
+    curves: dict[str, list[Point]]  # by planner, in the order of the weights
+    shortest_path: Point
+    attribution: str
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """What :func:`trade_off` found."""
+
+    scenario: Scenario
+    walks: int
+    seed: int
+    curves: dict[str, list[Point]]
+    shortest_path: Point
+
+    @property
+    def attribution(self) -> str:
+        """Whose streets they are; "" on grids."""
+        venue = self.scenario.venue
+        return "" if venue is None else town_of(venue.streets).attribution
+
+    def as_json(self) -> TradeOffJson:
+        """The shape of ``trade-off --json``."""
+        return {
+            "scenario": self.scenario.name,
+            "summary": self.scenario.summary,
+            "walks": self.walks,
+            "seed": self.seed,
+            "curves": self.curves,
+            "shortest_path": self.shortest_path,
+            "attribution": self.attribution,
+        }
+
+
+def trade_off(
+    scenario: Scenario,
+    *,
+    planners: Iterable[str] = CURVES,
+    weights: Sequence[float] = WEIGHTS,
+    walks: int = WALKS,
+    seed: int = 0,
+    on_weight: Callable[[float], None] = lambda _weight: None,
+) -> TradeOff:
+    """Take the same walks on map 0 for one weight of exposure after the other; other weights are the scenario's own.
+
+    Raises
+    ------
+    SidestepError
+        Planners that are not known or learn, weights that are negative or come twice.
+    """
+    names = list(dict.fromkeys(planners))
+    if not weights or min(weights) < 0 or len(set(weights)) < len(weights):
+        raise SidestepError(f"weights of exposure must be numbers of 0 or more, all different, not {list(weights)}")
+    chosen = choose(names, {**BASELINES, **REPLANNING})
+    curves: dict[str, list[Point]] = {name: [] for name in names}
+    shortest = None
+    for weight in sorted(weights):
+        objective = replace(scenario.objective or Objective(), exposure=weight)
+        records = compare(replace(scenario, objective=objective), chosen, maps=[0], walks=walks, seed=seed).records
+        for name in names:
+            curves[name].append(_point(weight, records[name]))
+        shortest = _point(weight, records[REFERENCE])
+        on_weight(weight)
+    assert shortest is not None  # noqa: S101 # there is a weight
+    return TradeOff(scenario, walks, seed, curves, shortest)
+
+
+def _point(weight: float, record: Record) -> Point:
+    tally = record.tally
+    assert tally is not None  # noqa: S101 # there is an objective
+    return {
+        "weight": weight,
+        "minutes": float(np.mean(record.minutes)),
+        "exposure": float(np.mean(tally.exposure)),
+        "metres": float(np.mean(tally.metres)),
+        "arrival_rate": float(np.mean(record.arrived)),
+    }
