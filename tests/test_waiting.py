@@ -73,14 +73,8 @@ def test_traffic_goes_straight_from_hour_to_hour_and_by_the_crowds_own_day() -> 
     def delay(rate: float) -> float:
         return 2 * float(gap_delay(jnp.float32(rate), 8.0))
 
-    for crowd, clock, rate in (
-        (0, 1800, 0.1),
-        (0, 0, 0.05),
-        (0, 3600, 0.05),
-        (1, 0, 0),
-        (1, 3600, 0.2),
-        (3, 3600, 0.2),
-    ):
+    on_monday, on_wednesday = ((1800.0, 0.1), (0.0, 0.05), (3600.0, 0.05)), ((0.0, 0.1), (3600.0, 0.1), (1800.0, 0.2))
+    for crowd, clock, rate in (*((0, *each) for each in on_monday), *((3, *each) for each in on_wednesday)):
         assert seconds(found, clock, crowd)[2] == pytest.approx(delay(rate), rel=1e-3), (crowd, clock)
 
 

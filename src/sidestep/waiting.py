@@ -26,9 +26,9 @@ class Waits(eqx.Module):
     """What keeps walkers waiting where a segment begins.
 
     The phase of a segment's first light is seen by those who stand before it. All lights keep in step with one another,
-    but nobody knows beforehand where in the cycle they are: every crowd's begin elsewhere in it. Further lights on the same segment take
-    their mean wait, as nobody can say where on it they are, and so do crossings without lights: the delay of gap
-    acceptance, which grows with the traffic of the hour.
+    but nobody knows beforehand where in the cycle they are: every crowd's begin elsewhere in it. Further lights on the
+    same segment take their mean wait, as nobody can say where on it they are, and so do crossings without lights: the
+    delay of gap acceptance, which grows with the traffic of the hour.
     """
 
     lights: Float[Array, " segment"]  # crossings with lights on each segment

@@ -143,7 +143,7 @@ def whole(header, numbers):
         ("is damaged or cut short", lambda header, numbers: whole({"format": header["format"]}, numbers)),
         ("has model format 0; this version reads format 4", lambda head, nums: whole(head | {"format": 0}, nums)),
         ("has model format 2; this version reads format 4", lambda head, nums: whole(head | {"format": 2}, nums)),
-        ("has model format 4; this version reads format 4", lambda head, nums: whole(head | {"format": 4}, nums)),
+        ("has model format 5; this version reads format 4", lambda head, nums: whole(head | {"format": 5}, nums)),
         ("is not a Sidestep model", lambda _, numbers: numbers),
         ("is not a Sidestep model", lambda *_: b""),
         ("is not a Sidestep model", lambda *_: b"[]\n"),
