@@ -18,7 +18,7 @@ from sidestep.flow.sensors import fit_sensors, recorded_weeks
 from sidestep.network.snap import Snapper
 from sidestep.planners.darp import ModelError, load_planners, trainable
 from sidestep.scenarios import towns
-from sidestep.scenarios.catalogue import Scenario, ScenarioError, Sensor, Venue, scenario
+from sidestep.scenarios.catalogue import GOLDEN, Scenario, ScenarioError, Sensor, Venue, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.towns import APART, counts_of, stations, town_of
 from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, new_crowds, put_crowds, set_out
@@ -66,11 +66,11 @@ def test_streets_may_be_empty_so_speeds_need_a_cap() -> None:
 
 
 def test_hours_are_those_of_the_days() -> None:
-    # Tuesday and Sunday from 9 to 11: hours 33, 34, 153 and 154. Multiples of .618034 less their whole part are
-    # 0, .618, .236, .854, .472, .090: of four hours number 0, 2, 0, 3, 1, 0.
+    # Tuesday and Sunday from 9 to 11: hours 33, 34, 153 and 154. Multiples of 1.732051 less their whole part are
+    # 0, .732, .464, .196, .928, .660: of four hours number 0, 2, 1, 0, 3, 2.
     venue = Venue(days=(6, 1), hours=(9, 11))
-    assert venue.starts(6) == [33, 153, 33, 154, 34, 33]
-    assert venue.starts(3, first=2) == [33, 154, 34]
+    assert venue.starts(6) == [33, 153, 34, 33, 154, 153]
+    assert venue.starts(3, first=2) == [34, 33, 154]
 
 
 def test_hours_are_spread_evenly() -> None:
@@ -79,6 +79,17 @@ def test_hours_are_spread_evenly() -> None:
     numbers = np.unique(starts, return_counts=True)
     assert numbers[0].tolist() == [24 * day + hour for day in range(7) for hour in range(10, 20)]
     assert set(numbers[1].tolist()) <= {8, 9, 10, 11, 12}
+
+
+def test_minutes_have_nothing_to_do_with_hours() -> None:
+    # 840 walks: in every sixth of an hour of every weekday about 20, and of every hour of the day 14.
+    walks = 840
+    starts = np.array(VENUE.starts(walks)).astype(int)
+    sixth = (6 * (np.arange(walks) * GOLDEN % 1)).astype(int)  # of the departures
+    for hour, each in ((starts // 24, 20), (starts % 24 - 10, 14)):
+        counts = np.zeros((walks // 6 // each, 6))
+        np.add.at(counts, (hour, sixth), 1)
+        assert (abs(counts - each) <= 3).all()
 
 
 # --- Where sensors stand --------------------------------------------------------------------------------------------

@@ -117,9 +117,12 @@ class Venue:
         return self.counts.lower().endswith(".npz")
 
     def starts(self, number: int, first: int = 0) -> list[float]:
-        """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out."""
+        """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out.
+
+        Minutes are spread by the golden ratio; by that same number each weekday would have minutes of its own.
+        """
         every = [24.0 * day + hour for day in sorted(set(self.days)) for hour in range(*self.hours)]
-        return [every[int(len(every) * (turn * GOLDEN % 1))] for turn in range(first, first + number)]
+        return [every[int(len(every) * (turn * ROOT_3 % 1))] for turn in range(first, first + number)]
 
 
 def _check_places(name: str, places: tuple[Place, ...]) -> None:
@@ -136,6 +139,7 @@ def _check_places(name: str, places: tuple[Place, ...]) -> None:
 
 
 GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, less their whole part, spread evenly
+ROOT_3 = math.sqrt(3)  # with multiples of both, pairs fill a square evenly
 
 
 @dataclass(frozen=True)
