@@ -530,12 +530,12 @@ def test_ahead_by_hand() -> None:
 
 
 def test_half_an_hour_forgets_less() -> None:
-    # Sensor 1 always has 100 (with one more); now, at 1:15, 200. All slots have their middle a quarter or three quarters
-    # between those of hours, where 1 - 2 * 3 / 16 / 2 = .8125 of the variance of .16 is left, .13. At 1:15 it is 1/4
-    # of the residual of 0:30 and 3/4 of that of 1:30. At 1:45, with 3/4 of that and 1/4 of that of 2:30, it has in
-    # common (3/16 + 3/16) / 2 + 1/16 / 4 + 9/16 = .765625: 2^(.765625 / .8125) = 1.921600 times as many, and
-    # exp((.13 - .765625^2 / .8125 * .16) / 2) = 1.007310 for what may come. At 2:15, 1/4 and 3/4,
-    # (1/16 + 9/16) / 2 + 3/16 / 4 + 3/16 = .546875: 1.594470 and 1.036192 times. All less one.
+    # Sensor 1 always has 100 (with one more); now, at 1:15, 200. All slots have their middle a quarter or three
+    # quarters between those of hours, where 1 - 2 * 3 / 16 / 2 = .8125 of the variance of .16 is left, .13. The
+    # residual of 1:15 is 1/4 of that of 0:30 and 3/4 of that of 1:30. With that of 1:45, 3/4 of that of 1:30 and 1/4
+    # of that of 2:30, it has in common (3/16 + 3/16) / 2 + 1/16 / 4 + 9/16 = .765625: 2^(.765625 / .8125) = 1.921600
+    # times as many, and exp((.13 - .765625^2 / .8125 * .16) / 2) = 1.007310 for what may come. At 2:15, of 1/4 and
+    # 3/4, (1/16 + 9/16) / 2 + 3/16 / 4 + 3/16 = .546875: 1.594470 and 1.036192 times. All less one.
     found = ahead(sensor_flow([1.0, 1.0], deviation=0.4), jnp.array([15.0, 0.995]), 0)
     assert found[:3, 1].tolist() == pytest.approx([0.995, 0.005 * 192.5647, 0.005 * 164.2178], rel=1e-4)
 
