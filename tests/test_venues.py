@@ -252,8 +252,7 @@ def test_a_model_can_be_read_without_its_place(learned, tmp_path, monkeypatch) -
     _, problem, state = learned
     placed = dataclasses.replace(VENUE, sensors=(Sensor("somewhere", (60.17, 24.94)), *VENUE.sensors))
     told = dataclasses.replace(HELSINKI, venue=placed)
-    monkeypatch.setattr(checkpoint, "_fingerprint", lambda *_: "a place")
-    checkpoint.save(TrainingRun(told, 1, 0, CONFIG, ((7.0, 8.0),), state), tmp_path)
+    checkpoint.save(TrainingRun(told, 1, 0, CONFIG, ((7.0, 8.0),), "a place", state), tmp_path)
 
     def never(*_):
         raise AssertionError
@@ -269,10 +268,9 @@ def test_a_model_can_be_read_without_its_place(learned, tmp_path, monkeypatch) -
     assert float(model.network.metres) == pytest.approx(float(problem.params.network.length.mean()))
 
 
-def test_models_of_grids_do_not_walk_towns_nor_the_reverse(learned, tmp_path, monkeypatch) -> None:
+def test_models_of_grids_do_not_walk_towns_nor_the_reverse(learned, tmp_path) -> None:
     _, _, state = learned
-    monkeypatch.setattr(checkpoint, "_fingerprint", lambda *_: "a place")
-    checkpoint.save(TrainingRun(HELSINKI, 1, 0, CONFIG, ((7.0, 8.0),), state), tmp_path)
+    checkpoint.save(TrainingRun(HELSINKI, 1, 0, CONFIG, ((7.0, 8.0),), "a place", state), tmp_path)
     assert load_planners([tmp_path], scenario("helsinki"), 0).index is None
     with pytest.raises(ModelError, match=r"learned to walk in a town whose crowds .* sensors; unseen-maps is another"):
         load_planners([tmp_path], scenario("unseen-maps"), 0)

@@ -200,7 +200,7 @@ def train(
     from sidestep.agent.train import learned_place
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
-    from sidestep.scenarios.maps import draw_training_map
+    from sidestep.scenarios.maps import draw_training_map, fingerprint
 
     problem = _scenario(scenario, changes)
     config = changed(
@@ -219,6 +219,7 @@ def train(
             )
         state, curve = run.state, list(run.curve)
     place = draw_training_map(problem, seed, index)
+    learned = fingerprint(place)
     learned_place(config, problem, place)  # refuses what cannot be learned, before anything is written
     if out is not None:
         output_folder(out)
@@ -229,7 +230,7 @@ def train(
         for now, report in rounds_of(config, problem, place, state):
             curve.append(tuple(report.test_minutes.tolist()))
             first = min(first, perf_counter())
-            run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), now)
+            run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), learned, now)
             if out is not None and (len(curve) == config.rounds or perf_counter() - saved > SAVE_EVERY):
                 checkpoint.save(run, out)
                 saved = perf_counter()
