@@ -112,6 +112,11 @@ class Venue:
                 raise ScenarioError(f"{name} means nothing to {kind}, {self.counts}")
 
     @property
+    def files(self) -> tuple[str, ...]:
+        """Where its streets and counts come from; what comes with the package is no file."""
+        return self.streets, self.counts
+
+    @property
     def tabled(self) -> bool:
         """Whether crowds come from a table of all segments, not from sensors."""
         return self.counts.lower().endswith(".npz")
@@ -215,6 +220,11 @@ class Scenario:
     def sensed(self) -> bool:
         """Whether crowds are known from sensors: walkers then see more, and agents are trained for that."""
         return self.venue is not None and not self.venue.tabled
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Those that its streets and crowds come from."""
+        return self.venue.files if self.venue else ()
 
     @property
     def origin(self) -> int:
