@@ -281,6 +281,11 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[counts]\nfitted = [2024-01-01T00:30:00, 2025-01-01]", "must be days or hours of local wall time"),
         (HELSINKI + "[counts]\nfitted = [2024-01-01T00:00:00Z, 2025-01-01]", "wall time without an offset"),
         (HELSINKI + "[counts]\n#\ntested = [1999-01-01, 1999-03-01]", "line 5: counts.tested: "),
+        (
+            HELSINKI + "[counts]\nfitted = [2025-01-01, 2025-05-01]\ntested = [2025-04-30T23:00:00, 2025-06-01]",
+            "line 5: counts.tested must not overlap fitted, but 2025-04-30T23 to 2025-06-01 and 2025-01-01 to 2025-05-0",
+        ),
+        (HELSINKI + "[counts]\nfitted = [2025-01-01, 2025-04-01]", "line 4: counts.fitted: tested must not overlap"),
         (HELSINKI + "[walking]\nlaw = 'aoki'", "line 4: walking.law must be one of power-capped, weidmann, not"),
         (HELSINKI + "[walking]\nrule = 1", "line 4: walking.rule must be one of integrated, entry, not 1"),
         (HELSINKI + "[walking]\nrule = []", "line 4: walking.rule must be one of integrated, entry, not a list"),

@@ -50,6 +50,12 @@ def place():
         (dict(hours=(10, 25)), "hours must be two"),
         (dict(hours=(-1, 5)), "hours must be two"),
         (dict(pairing=-1), "pairing must be a seed"),
+        (
+            dict(fitted=("2024", "2025-03-10T01")),
+            "tested must not overlap fitted, but 2025-03-10 to 2025-06-01 and 2024 ",
+        ),
+        (dict(tested=("2024-12-31T23", "2025-06-01")), "tested must not overlap fitted"),
+        (dict(tested=("soon", "later")), "must be days such as 2025-03-10"),
         (dict(sensors=(Sensor("a"), Sensor("b"), Sensor("b"))), "stands in the list twice: 'b'"),
     ],
 )

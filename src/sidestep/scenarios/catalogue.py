@@ -5,6 +5,8 @@ import math
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from sidestep.environment.types import LEVELS, RewardWeights, Seen
 from sidestep.errors import SidestepError
 from sidestep.flow.counts import TEST, TRAIN
@@ -80,6 +82,7 @@ class Venue:
 
     def __post_init__(self) -> None:
         self._check_source()
+        self._check_periods()
         for name in ("crowding", "reach"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ScenarioError(f"{name} must be a positive number, not {getattr(self, name)}")
@@ -97,6 +100,15 @@ class Venue:
             raise ScenarioError(f"a sensor stands in the list twice: {max(names, key=names.count)!r}")
         for name in ("origins", "destinations"):
             _check_places(name, getattr(self, name))
+
+    def _check_periods(self) -> None:
+        try:
+            periods = [[np.datetime64(time, "h") for time in period] for period in (self.fitted, self.tested)]
+        except ValueError as error:
+            raise ScenarioError(f"fitted and tested must be days such as 2025-03-10: {error}") from error
+        if max(begin for begin, _ in periods) < min(end for _, end in periods):
+            both = (" to ".join(period) for period in (self.tested, self.fitted))
+            raise ScenarioError(f"tested must not overlap fitted, but {' and '.join(both)} do")
 
     def _check_source(self) -> None:
         memory, deviation = self.noise

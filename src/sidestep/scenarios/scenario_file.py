@@ -34,6 +34,7 @@ MOST_LINES = 2_000  # lines of a scenario file; more is no scenario
 MOST_SLOTS = 10_000  # of one walk; futures are worked out for each of them
 TOWN, COUNTS = "helsinki", "auckland"  # what comes with the package
 PAIRED = "paired"
+_PERIODS = ("fitted", "tested")
 
 _DEFAULTS = BUILT_IN["helsinki"]
 _LINE_OF_ERROR = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
@@ -162,13 +163,17 @@ class _Reader:
         # What the others mean depends on the kind of counts.
         for keys, (field, value) in sorted(given.items(), key=lambda item: item[0] != ("counts", "file")):
             at = self._file(keys, folder, value) if keys[-1] == "file" else value
+            changes = {field.name: at}
+            if field.name in _PERIODS:  # neither must overlap the other, nor what the other is by default
+                changes = {name: given["counts", name][1] for name in _PERIODS if ("counts", name) in given}
             try:
                 if field.of == "venue":
-                    venue = replace(venue, **{field.name: at})  # type: ignore[arg-type]
+                    venue = replace(venue, **changes)  # type: ignore[arg-type]
                 else:
-                    problem = replace(problem, **{field.name: at})  # type: ignore[arg-type]
+                    problem = replace(problem, **changes)  # type: ignore[arg-type]
             except ScenarioError as error:
-                raise self._blamed(keys, str(error)) from error
+                named = (keys[0], str(error).partition(" ")[0])
+                raise self._blamed(named if named in given else keys, str(error)) from error
         slots = (problem.departures[1] + problem.horizon) / problem.slot_seconds
         if slots > MOST_SLOTS:
             keys = ("walking", "slot_minutes" if ("walking", "slot_minutes") in given else "horizon_minutes")
@@ -258,7 +263,7 @@ class _Reader:
         from sidestep.scenarios.towns import counts_of, nearest_street
 
         table = self._at(("counts", "file"), counts_of, venue.counts)
-        for period in ("fitted", "tested"):
+        for period in _PERIODS:
             defaulted = venue.counts != COUNTS and ("counts", period) not in given
             more = f"; give counts.{period}, since the default days are Auckland's" if defaulted else ""
             self._at(("counts", period), table.between, *getattr(venue, period), more=more)
