@@ -283,7 +283,7 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[counts]\n#\ntested = [1999-01-01, 1999-03-01]", "line 5: counts.tested: "),
         (
             HELSINKI + "[counts]\nfitted = [2025-01-01, 2025-05-01]\ntested = [2025-04-30T23:00:00, 2025-06-01]",
-            "line 5: counts.tested must not overlap fitted, but 2025-04-30T23 to 2025-06-01 and 2025-01-01 to 2025-05-0",
+            "line 5: counts.tested must not overlap fitted, but 2025-04-30T23 to 2025-06-01 and 2025-01-01 to 2025-05",
         ),
         (HELSINKI + "[counts]\nfitted = [2025-01-01, 2025-04-01]", "line 4: counts.fitted: tested must not overlap"),
         (HELSINKI + "[walking]\nlaw = 'aoki'", "line 4: walking.law must be one of power-capped, weidmann, not"),
@@ -292,6 +292,7 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[walking]\nhorizon_minutes = -5", "line 4: walking.horizon_minutes must be a positive number"),
         (HELSINKI + "[walking]\nhorizon_minutes = 1e9", "walking.horizon_minutes makes 200,000,012 slots; at most"),
         (HELSINKI + "[walking]\nhorizon_minutes = 1e300\nslot_minutes = 1e-300", "line 5: walking.slot_minutes"),
+        (HELSINKI + "[walking]\nslot_minutes = 5\ndepartures_minutes = [0, 1e6]", "line 5: walking.departures_minutes"),
         (HELSINKI + "[walking]\nslot_minutes = 1e-9", "line 4: walking.slot_minutes makes"),
         (HELSINKI + "[walking]\ndepartures_minutes = [9, 3]", "numbers of minutes in order, from 0 on, not 9 and 3"),
         (HELSINKI + "[counts]\nplaces = 0", "line 4: counts.places must be between 1 and 100, not 0"),

@@ -123,6 +123,8 @@ def test_more_sensors_than_room_stand_closer(place) -> None:
     too_many = tuple(Sensor(str(number)) for number in range(town.streets + 1))
     with pytest.raises(ScenarioError, match=f"there are {town.streets + 1} sensors, but {town.streets} streets"):
         stations(town, place.network, too_many, 0)
+    with pytest.raises(ScenarioError, match=f"there are 400 sensors in 2000 places, but {town.streets} streets"):
+        stations(town, place.network, many * 5, 0)
 
 
 def test_sensors_with_a_place_stand_there(place) -> None:

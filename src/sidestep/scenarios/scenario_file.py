@@ -176,7 +176,8 @@ class _Reader:
                 raise self._blamed(named if named in given else keys, str(error)) from error
         slots = (problem.departures[1] + problem.horizon) / problem.slot_seconds
         if slots > MOST_SLOTS:
-            keys = ("walking", "slot_minutes" if ("walking", "slot_minutes") in given else "horizon_minutes")
+            long = "departures_minutes" if problem.departures[1] > problem.horizon else "horizon_minutes"
+            keys = ("walking", "slot_minutes" if problem.slot_seconds < _DEFAULTS.slot_seconds else long)
             raise self._error(keys, f"{'.'.join(keys)} makes {slots:,.0f} slots; at most {MOST_SLOTS:,} will do")
         if venue.places > 1 and any(sensor.place for sensor in venue.sensors):
             raise self._error(("counts", "places"), "counts.places must be 1 where sensors have places of their own")

@@ -264,10 +264,12 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
     Raises
     ------
     ScenarioError
-        More sensors than streets.
+        More sensors, or places of them, than streets.
     """
     if len(sensors) > town.streets:
-        raise ScenarioError(f"there are {len(sensors)} sensors, but {town.streets} streets")
+        every = len({sensor.name for sensor in sensors})
+        places = f" in {len(sensors)} places" if every < len(sensors) else ""
+        raise ScenarioError(f"there are {every} sensors{places}, but {town.streets} streets")
     middle = (np.asarray(network.position)[town.tail] + np.asarray(network.position)[town.head]) / 2
     snap = Snapper(town)
     found = [nearest_street(snap, sensor) for sensor in sensors]
