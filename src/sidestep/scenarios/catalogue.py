@@ -229,6 +229,15 @@ class Scenario:
             )
 
     @property
+    def crowds(self) -> str:
+        """What moves the crowds: the model of the counts, rush hours, sensors or a table; or a forecast of these."""
+        if self.flows == "forecast":
+            return self.flows
+        if self.venue is not None:
+            return "table" if self.venue.tabled else "sensors"
+        return "arima" if self.rush is None else "rush"
+
+    @property
     def sensed(self) -> bool:
         """Whether crowds are known from sensors: walkers then see more, and agents are trained for that."""
         return self.venue is not None and not self.venue.tabled
