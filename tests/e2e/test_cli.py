@@ -35,6 +35,7 @@ def model(sidestep, tmp_path_factory):
     folder = tmp_path_factory.mktemp("models") / "m"
     done = sidestep("train", "paper-congested", "--side", 3, "--crowded-nodes", 1, "--rounds", 3, "--out", folder)
     assert done.returncode == 0, done.stderr
+    assert "\nthe paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people\n" in done.stdout
     return folder
 
 
