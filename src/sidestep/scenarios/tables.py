@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
+from sidestep.flow.profile import time_of_week
 from sidestep.flow.table import MOST_CELLS, CrowdTable, read_table
-from sidestep.flow.tabled import TableFlow, hour_of_week
+from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
 from sidestep.scenarios.catalogue import DAYS, LAWS, Law, ScenarioError, Venue
@@ -121,7 +122,7 @@ def table_flow(venue: Venue, table: CrowdTable, network: RoadNetwork, *, slot_se
         )
     volume, _ = volumes(table, network, law)
     memory, deviation = venue.noise
-    begins = None if table.begins is None else hour_of_week(table.begins)
+    begins = None if table.begins is None else time_of_week(table.begins)
     start = None if begins is None else jnp.asarray(venue.starts(1), jnp.float32)
     usual = jnp.asarray(venue.crowding * volume, jnp.float32)
     flow = TableFlow(usual, table.slot_seconds, memory, deviation, slot_seconds, begins, start)
