@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sidestep.environment.types import EnvParams
-from sidestep.scenarios.catalogue import BUILT_IN, LAWS, RushHours, Scenario, ScenarioError, scenario
+from sidestep.scenarios.catalogue import BUILT_IN, LAWS, RushHours, Scenario, ScenarioError, Venue, scenario
 from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map, fingerprint
 from sidestep.scenarios.worlds import destinations, instances, make_environment, new_crowds, put_crowds, sampler
 
@@ -460,6 +460,14 @@ def test_training_maps_are_others_side_by_side() -> None:
 
 def test_a_scenario_without_training_maps_learns_the_map_itself() -> None:
     assert fingerprint(draw_training_map(small(), 3, 5)) == fingerprint(draw_map(small(), 3, 5))
+
+
+def test_what_moves_the_crowds() -> None:
+    tabled = dataclasses.replace(scenario("helsinki"), venue=Venue(counts="crowds.npz"))
+    found = [(scenario(name), moved) for name, moved in (("paper-congested", "arima"), ("rush-16", "rush"))]
+    for problem, moved in (*found, (scenario("helsinki"), "sensors"), (tabled, "table")):
+        assert problem.crowds == moved
+        assert dataclasses.replace(problem, flows="forecast").crowds == "forecast"
 
 
 def test_the_fingerprint_tells_maps_apart(place) -> None:

@@ -18,7 +18,7 @@ from sidestep.flow.sensors import fit_sensors, recorded_weeks
 from sidestep.network.snap import Snapper
 from sidestep.planners.darp import ModelError, load_planners, trainable
 from sidestep.scenarios import towns
-from sidestep.scenarios.catalogue import Scenario, ScenarioError, Sensor, Venue, scenario
+from sidestep.scenarios.catalogue import GOLDEN, Scenario, ScenarioError, Sensor, Venue, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.towns import APART, counts_of, stations, town_of
 from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, new_crowds, put_crowds, set_out
@@ -50,6 +50,12 @@ def place():
         (dict(hours=(10, 25)), "hours must be two"),
         (dict(hours=(-1, 5)), "hours must be two"),
         (dict(pairing=-1), "pairing must be a seed"),
+        (
+            dict(fitted=("2024", "2025-03-10T01")),
+            "tested must not overlap fitted, but 2025-03-10 to 2025-06-01 and 2024 ",
+        ),
+        (dict(tested=("2024-12-31T23", "2025-06-01")), "tested must not overlap fitted"),
+        (dict(tested=("soon", "later")), "must be days such as 2025-03-10"),
         (dict(sensors=(Sensor("a"), Sensor("b"), Sensor("b"))), "stands in the list twice: 'b'"),
     ],
 )
@@ -66,11 +72,11 @@ def test_streets_may_be_empty_so_speeds_need_a_cap() -> None:
 
 
 def test_hours_are_those_of_the_days() -> None:
-    # Tuesday and Sunday from 9 to 11: hours 33, 34, 153 and 154. Multiples of .618034 less their whole part are
-    # 0, .618, .236, .854, .472, .090: of four hours number 0, 2, 0, 3, 1, 0.
+    # Tuesday and Sunday from 9 to 11: hours 33, 34, 153 and 154. Multiples of 1.732051 less their whole part are
+    # 0, .732, .464, .196, .928, .660: of four hours number 0, 2, 1, 0, 3, 2.
     venue = Venue(days=(6, 1), hours=(9, 11))
-    assert venue.starts(6) == [33, 153, 33, 154, 34, 33]
-    assert venue.starts(3, first=2) == [33, 154, 34]
+    assert venue.starts(6) == [33, 153, 34, 33, 154, 153]
+    assert venue.starts(3, first=2) == [34, 33, 154]
 
 
 def test_hours_are_spread_evenly() -> None:
@@ -79,6 +85,17 @@ def test_hours_are_spread_evenly() -> None:
     numbers = np.unique(starts, return_counts=True)
     assert numbers[0].tolist() == [24 * day + hour for day in range(7) for hour in range(10, 20)]
     assert set(numbers[1].tolist()) <= {8, 9, 10, 11, 12}
+
+
+def test_minutes_have_nothing_to_do_with_hours() -> None:
+    # 840 walks: in every sixth of an hour of every weekday about 20, and of every hour of the day 14.
+    walks = 840
+    starts = np.array(VENUE.starts(walks)).astype(int)
+    sixth = (6 * (np.arange(walks) * GOLDEN % 1)).astype(int)  # of the departures
+    for hour, each in ((starts // 24, 20), (starts % 24 - 10, 14)):
+        counts = np.zeros((walks // 6 // each, 6))
+        np.add.at(counts, (hour, sixth), 1)
+        assert (abs(counts - each) <= 3).all()
 
 
 # --- Where sensors stand --------------------------------------------------------------------------------------------
@@ -106,6 +123,8 @@ def test_more_sensors_than_room_stand_closer(place) -> None:
     too_many = tuple(Sensor(str(number)) for number in range(town.streets + 1))
     with pytest.raises(ScenarioError, match=f"there are {town.streets + 1} sensors, but {town.streets} streets"):
         stations(town, place.network, too_many, 0)
+    with pytest.raises(ScenarioError, match=f"there are 400 sensors in 2000 places, but {town.streets} streets"):
+        stations(town, place.network, many * 5, 0)
 
 
 def test_sensors_with_a_place_stand_there(place) -> None:
@@ -241,8 +260,7 @@ def test_a_model_can_be_read_without_its_place(learned, tmp_path, monkeypatch) -
     _, problem, state = learned
     placed = dataclasses.replace(VENUE, sensors=(Sensor("somewhere", (60.17, 24.94)), *VENUE.sensors))
     told = dataclasses.replace(HELSINKI, venue=placed)
-    monkeypatch.setattr(checkpoint, "_fingerprint", lambda *_: "a place")
-    checkpoint.save(TrainingRun(told, 1, 0, CONFIG, ((7.0, 8.0),), state), tmp_path)
+    checkpoint.save(TrainingRun(told, 1, 0, CONFIG, ((7.0, 8.0),), "a place", state), tmp_path)
 
     def never(*_):
         raise AssertionError
@@ -258,10 +276,9 @@ def test_a_model_can_be_read_without_its_place(learned, tmp_path, monkeypatch) -
     assert float(model.network.metres) == pytest.approx(float(problem.params.network.length.mean()))
 
 
-def test_models_of_grids_do_not_walk_towns_nor_the_reverse(learned, tmp_path, monkeypatch) -> None:
+def test_models_of_grids_do_not_walk_towns_nor_the_reverse(learned, tmp_path) -> None:
     _, _, state = learned
-    monkeypatch.setattr(checkpoint, "_fingerprint", lambda *_: "a place")
-    checkpoint.save(TrainingRun(HELSINKI, 1, 0, CONFIG, ((7.0, 8.0),), state), tmp_path)
+    checkpoint.save(TrainingRun(HELSINKI, 1, 0, CONFIG, ((7.0, 8.0),), "a place", state), tmp_path)
     assert load_planners([tmp_path], scenario("helsinki"), 0).index is None
     with pytest.raises(ModelError, match=r"learned to walk in a town whose crowds .* sensors; unseen-maps is another"):
         load_planners([tmp_path], scenario("unseen-maps"), 0)

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from cyclopts import Token
 
     from sidestep.evaluation.journey import Journey
+    from sidestep.network.osm import ImportReport
     from sidestep.planners.base import Planner
     from sidestep.scenarios.catalogue import Scenario
     from sidestep.scenarios.maps import CrowdedMap
+    from sidestep.scenarios.tables import TableReport
 
 INTERRUPTED, BAD_INPUT = 130, 2
 SAVE_EVERY = 2.0  # seconds of training between checkpoints
@@ -180,7 +182,11 @@ def train(
     index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
     rounds: Annotated[int | None, Whole(help="Rounds of training.")] = None,
     destinations: Annotated[
-        int | None, Whole(help="Destinations to learn: the scenario's own, and others drawn from all crossings.")
+        int | None,
+        Whole(
+            help="How many destinations to learn: of a grid its last node and others; of a real place some of its own, "
+            "or of all crossings."
+        ),
     ] = None,
     gamma: Annotated[float | None, Parameter(help="Discount factor.")] = None,
     n_step: Annotated[int | None, Whole(help="Steps of each return.")] = None,
@@ -207,7 +213,7 @@ def train(
     from sidestep.agent.train import learned_place
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
-    from sidestep.scenarios.maps import draw_training_map
+    from sidestep.scenarios.maps import draw_training_map, fingerprint
 
     problem = _scenario(scenario, changes)
     config = changed(
@@ -226,6 +232,7 @@ def train(
             )
         state, curve = run.state, list(run.curve)
     place = draw_training_map(problem, seed, index)
+    learned = fingerprint(place)
     learned_place(config, problem, place)  # refuses what cannot be learned, before anything is written
     if out is not None:
         output_folder(out)
@@ -236,7 +243,7 @@ def train(
         for now, report in rounds_of(config, problem, place, state):
             curve.append(tuple(report.test_minutes.tolist()))
             first = min(first, perf_counter())
-            run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), now)
+            run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), learned, now)
             if out is not None and (len(curve) == config.rounds or perf_counter() - saved > SAVE_EVERY):
                 checkpoint.save(run, out)
                 saved = perf_counter()
@@ -269,6 +276,7 @@ def train(
         f"{summary['seconds']:.1f} s ({summary['steps_per_second']:,.0f} transitions/s, "
         f"{summary['updates_per_second']:,.0f} updates/s)"
     )
+    print(problem.summary, end="\n" if problem.summary else "")
     print(f"greedy test walks: {means[0]:.1f} min after the first round, {means[-1]:.1f} after the last, ", end="")  # type: ignore[index]
     print(f"{summary['best_minutes']:.1f} at best" + ("" if out is None else f"; model: {out}"))
 
@@ -287,7 +295,11 @@ def compare(
     preset: PresetOption = "default",
     model: Models = None,
     destinations: Annotated[
-        int | None, Whole(help="Walk from anywhere to so many destinations, instead of corner to corner.")
+        int | None,
+        Whole(
+            help="Walk to so many destinations: on grids from anywhere, not from corner to corner; in real places to "
+            "some of their own, or of all crossings, not to all."
+        ),
     ] = None,
     by: By = None,
     against: Annotated[str, Parameter(help="Whom the others' minutes are set against, walk by walk.")] = "expected",
@@ -474,7 +486,7 @@ def _hand_over_journey(journey: "Journey", output: str, out: Path | None, by: fl
     shown = {
         "json": lambda: print(json.dumps(itinerary(journey, by), indent=2, ensure_ascii=False)),
         "geojson": lambda: print(route_geojson(journey, by), end=""),
-        "gpx": lambda: print(route_gpx(journey), end=""),
+        "gpx": lambda: print(route_gpx(journey, by), end=""),
         "text": lambda: console.show_journey(itinerary(journey, by)),
     }
     _hand_over(out, shown[output])
@@ -595,11 +607,7 @@ def import_counts(
     crowds, report = import_table(table, town_of(network), slot_seconds=seconds, law=law)
     output_folder(out.parent)
     save_crowd_table(crowds, out)
-    if as_json:
-        print(json.dumps({**asdict(report), "out": str(out)}, indent=2, ensure_ascii=False))
-        return
-    console.show_table(report)
-    print(f"Crowds: {out}")
+    _report(report, console.show_table, f"Crowds: {out}", out, as_json=as_json)
 
 
 @app.command(name="import-osm")
@@ -627,11 +635,18 @@ def import_osm(
     output_folder(out.parent)
     town, report = read(file, merge=merge, widths=widths)
     save_town(town, out)
+    _report(report, console.show_import, f"Streets: {out} ({town.attribution})", out, as_json=as_json)
+
+
+def _report(
+    report: "ImportReport | TableReport", show: "Callable[..., None]", made: str, out: Path, *, as_json: bool
+) -> None:
+    """Say what an import found, and which file it ``made``."""
     if as_json:
         print(json.dumps({**asdict(report), "out": str(out)}, indent=2, ensure_ascii=False))
         return
-    console.show_import(report)
-    print(f"Streets: {out} ({town.attribution})")
+    show(report)
+    print(made)
 
 
 @app.command

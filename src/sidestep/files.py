@@ -3,13 +3,16 @@
 import os
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, ParamSpec, TypeVar
 
 from sidestep.errors import SidestepError
 
+P = ParamSpec("P")
+Made = TypeVar("Made")
 LARGEST = 2**31  # bytes that one file may unpack to; a town of a million streets takes a tenth of it
 
 
@@ -75,6 +78,37 @@ def check_unpacked(file: BinaryIO, error: type[SidestepError]) -> None:
         if sum(entry.file_size for entry in packed.infolist()) > LARGEST:
             raise error(f"it unpacks to more than {LARGEST >> 30} GiB")
     file.seek(0)
+
+
+def cached_by_files(
+    named: Callable[..., tuple[str, ...]], most: int = 4
+) -> Callable[[Callable[P, Made]], Callable[P, Made]]:
+    """Keep what a function makes of its arguments for as long as the files that are ``named`` in them stay as they are.
+
+    ``most`` results are kept. A name need not be that of a file: then there is nothing that could change.
+    """
+
+    def keeping(function: Callable[P, Made]) -> Callable[P, Made]:
+        @lru_cache(maxsize=most)
+        def kept(_now: object, *args: P.args, **kwargs: P.kwargs) -> Made:
+            return function(*args, **kwargs)
+
+        @wraps(function)
+        def made(*args: P.args, **kwargs: P.kwargs) -> Made:
+            return kept(tuple(map(_written, named(*args, **kwargs))), *args, **kwargs)  # type: ignore[arg-type]
+
+        return made
+
+    return keeping
+
+
+def _written(file: str) -> tuple[int, int] | None:
+    """When a file was written last, in nanoseconds, and how large it is; None where there is none."""
+    try:
+        found = Path(file).stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 def reason(error: OSError) -> str:

@@ -21,7 +21,8 @@ PROBLEM = scenario("paper-congested", side=3, crowded_nodes=1)
 
 
 def run_of(state, curve):
-    return TrainingRun(PROBLEM, seed=4, index=2, config=CONFIG, curve=tuple(curve), state=state)
+    learned = fingerprint(draw_map(PROBLEM, 4, 2))
+    return TrainingRun(PROBLEM, seed=4, index=2, config=CONFIG, curve=tuple(curve), fingerprint=learned, state=state)
 
 
 def plain(state):
@@ -98,7 +99,7 @@ UNSEEN = scenario("unseen-maps", side=3, larger=(4,), crowded_nodes=1, training_
 def test_a_model_has_the_same_values_when_it_is_read_again(config, problem, tmp_path):
     place = draw_training_map(problem, 1)
     ((state, report),) = train(config, problem, place)
-    run = TrainingRun(problem, 1, 0, config, (tuple(report.test_minutes.tolist()),), state)
+    run = TrainingRun(problem, 1, 0, config, (tuple(report.test_minutes.tolist()),), fingerprint(place), state)
     checkpoint.save(run, tmp_path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["checkpoint.eqx", "model.eqx"]
     model = checkpoint.load_model(tmp_path)
@@ -187,6 +188,15 @@ def test_a_folder_without_a_model(tmp_path, read, name):
     (tmp_path / name).mkdir()
     with pytest.raises(CheckpointError, match=rf"cannot read {name} \(is a directory"):
         read(tmp_path)
+
+
+def test_training_does_not_go_on_where_the_map_has_changed(saved, tmp_path):
+    # What is left of the file does not matter: states of another map may not fit it.
+    change(saved[0], tmp_path, "checkpoint.eqx", lambda head, _: whole(head | {"fingerprint": "of old"}, b""))
+    with pytest.raises(CheckpointError) as caught:
+        checkpoint.load(tmp_path)
+    said = f"the streets or crowds of paper-congested have changed since the model in {tmp_path} was saved;"
+    assert str(caught.value) == f"{said} it cannot go on"
 
 
 def test_each_file_serves_alone(saved, tmp_path):

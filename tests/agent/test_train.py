@@ -289,7 +289,7 @@ def test_keep_chooses_between_best_and_last(states: list[TrainState], problem: S
     state = eqx.tree_at(lambda s: s.best, states[3], jax.tree.map(lambda leaf: leaf + 1, states[3].network))
     for keep, kept in (("best", state.best), ("last", state.network)):
         config = dataclasses.replace(SMALL, keep=keep)
-        assert TrainingRun(problem, 6, 0, config, (), state).network is kept
+        assert TrainingRun(problem, 6, 0, config, (), "", state).network is kept
 
 
 def test_the_same_seed_gives_the_same_run_to_the_bit(

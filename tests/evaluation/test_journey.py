@@ -149,7 +149,7 @@ def test_the_others_walk_the_same_futures(journey) -> None:
 
 
 def test_geojson(journey) -> None:
-    found = json.loads(route_geojson(journey))
+    found = json.loads(route_geojson(journey, by=10.0))
     assert (found["type"], found["attribution"]) == ("FeatureCollection", "© nobody & sons, ODbL 1.0")
     assert "crs" not in found
     kinds = [(feature["properties"]["part"], feature["geometry"]["type"]) for feature in found["features"]]
@@ -165,7 +165,9 @@ def test_geojson(journey) -> None:
     assert np.array(route) * DEGREE == pytest.approx(np.array([[50, 0], [200, 0], [300, 0], [300, -50]]), abs=0.02)
     assert [leg[-1] for leg in legs[:-1]] == [leg[0] for leg in legs[1:]]
     assert all(number == round(number, 7) for place in route for number in place)
-    assert found["features"][0]["properties"]["metres"] == pytest.approx(300, abs=0.1)
+    whole = found["features"][0]["properties"]
+    assert whole["metres"] == pytest.approx(300, abs=0.1)
+    assert (whole["by_minutes"], whole["arrive_by"]) == (10, 1)
     assert [found["features"][leg]["properties"]["street"] for leg in (1, 2, 3)] == [
         "Long Street",
         "Long Street",
@@ -196,7 +198,9 @@ def check_order(element: ET.Element) -> None:
 
 
 def test_gpx(journey) -> None:
-    text = route_gpx(journey)
+    assert "probability" not in route_gpx(journey)
+    text = route_gpx(journey, by=10.0)
+    assert "if crowds are as expected. Arrives within 10 min with probability 1.00. Crowds: " in text
     root = ET.fromstring(text)  # noqa: S314
     check_order(root)
     assert (root.tag, root.get("version"), root.get("creator")) == (f"{GPX}gpx", "1.1", "Sidestep")

@@ -127,14 +127,12 @@ def test_futures_are_drawn_around_the_forecast() -> None:
 
 
 def test_live_walkers_forecast_from_the_same_counts() -> None:
-    # The same at the middles of hours. Between them walkers take surprises to fade evenly, not straight from one to
-    # the next, which is by up to .14 of a surprise of 1 less.
-    crowds = flow([1.0, -0.5], weekly=(0.3, 0.1), **HOURLY)
-    first = np.asarray(forecast(crowds, slots=4))
-    assert np.asarray(ahead(crowds, first[0], 4)) == pytest.approx(first, rel=1e-4)
-    crowds = flow([1.0, -0.5], 0.0)
-    first = np.asarray(forecast(crowds))[:HOUR]
-    assert np.asarray(ahead(crowds, first[0], HOUR)) == pytest.approx(first, rel=0.14)
+    # The middle of the first slot is that of the counted hour; later ones are between the hours.
+    for slot_seconds in (3600.0, 300.0):
+        since = -slot_seconds / 2 / 3600
+        crowds = flow([1.0, -0.5], since, weekly=(0.3, 0.1), slot_seconds=slot_seconds)
+        first = np.asarray(forecast(crowds))
+        assert np.asarray(ahead(crowds, first[0], SLOTS)) == pytest.approx(first, rel=1e-4)
 
 
 def test_without_counts_nothing_changes() -> None:

@@ -530,12 +530,27 @@ def test_ahead_by_hand() -> None:
 
 
 def test_half_an_hour_forgets_less() -> None:
-    # Sensor 1 always has 100 (with one more); now 200. Half an hour later 2^(sqrt .5) = 1.632527 times as many. All
-    # slots have their middle a quarter or three quarters between those of hours, where 1 - 2 * 3 / 16 / 2 = .8125 of
-    # the variance of .16 is left, .13: exp(.13 / 2 * (1 - .5)) = 1.033034 and exp(.13 / 2 * (1 - .25)) = 1.049958
-    # times as many for what may come: 168.6456 and 148.4866, all less one.
+    # Sensor 1 always has 100 (with one more); now, at 1:15, 200. All slots have their middle a quarter or three
+    # quarters between those of hours, where 1 - 2 * 3 / 16 / 2 = .8125 of the variance of .16 is left, .13. The
+    # residual of 1:15 is 1/4 of that of 0:30 and 3/4 of that of 1:30. With that of 1:45, 3/4 of that of 1:30 and 1/4
+    # of that of 2:30, it has in common (3/16 + 3/16) / 2 + 1/16 / 4 + 9/16 = .765625: 2^(.765625 / .8125) = 1.921600
+    # times as many, and exp((.13 - .765625^2 / .8125 * .16) / 2) = 1.007310 for what may come. At 2:15, of 1/4 and
+    # 3/4, (1/16 + 9/16) / 2 + 3/16 / 4 + 3/16 = .546875: 1.594470 and 1.036192 times. All less one.
     found = ahead(sensor_flow([1.0, 1.0], deviation=0.4), jnp.array([15.0, 0.995]), 0)
-    assert found[:3, 1].tolist() == pytest.approx([0.995, 0.005 * 167.6456, 0.005 * 147.4866], rel=1e-4)
+    assert found[:3, 1].tolist() == pytest.approx([0.995, 0.005 * 192.5647, 0.005 * 164.2178], rel=1e-4)
+
+
+def test_ahead_is_the_mean_of_what_comes_after_such_counts(uneven) -> None:
+    # Whatever is counted at 11:15 or 11:45, what comes later differs from the forecast by nothing in the mean, and as
+    # much after high counts as after low ones.
+    futures = jnp.asarray(draw(uneven, jax.random.key(7)))
+    for slot in (0, 1):
+        told = np.asarray(jax.vmap(partial(ahead, uneven, slots=4), (0, None))(futures[:, slot], jnp.int32(slot)))
+        later, forecast = np.asarray(futures, np.float64)[:, slot + 1 :], told[:, 1 : 4 - slot]
+        miss = later / forecast - 1
+        surprise = np.log(np.asarray(futures)[:, slot, None] / np.exp(6))
+        for each in (miss, miss * surprise):
+            near(each.mean(axis=0), 0, each.std(axis=0) / math.sqrt(MANY))
 
 
 def test_ahead_a_part_of_the_surprise_lasts() -> None:

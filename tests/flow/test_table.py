@@ -11,8 +11,9 @@ import pytest
 from pyarrow import parquet
 
 from sidestep.flow.field import FlowModel
+from sidestep.flow.profile import time_of_week
 from sidestep.flow.table import CrowdTable, load_crowd_table, read_table, save_crowd_table, street_hash
-from sidestep.flow.tabled import TableFlow, hour_of_week
+from sidestep.flow.tabled import TableFlow
 from sidestep.flow.tablefile import TableError
 from sidestep.network.town import Town
 from sidestep.travel_time import DENSEST, Aoki, Weidmann, density_at_speed
@@ -349,7 +350,7 @@ def test_other_spans_hold_their_ends() -> None:
     found = flow.expected(3).volume[..., 0].tolist()
     assert found[:3] == [[1, 2, 3], [1, 1, 2], [3, 3, 3]]
     assert [flow.covers(hour) for hour in (131.9, 132.0, 134.9, 135.0)] == [False, True, True, False]
-    assert hour_of_week(datetime.fromisoformat("2025-05-24T12:30")) == 132.5
+    assert time_of_week(datetime.fromisoformat("2025-05-24T12:30")) == 132.5
 
 
 # --- Speeds ---------------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import dataclasses
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -40,13 +40,13 @@ class Training:
     index: int  # of the map
     config: TrainConfig
     curve: tuple[tuple[float, ...], ...]  # minutes of the greedy test walks, round by round
+    fingerprint: str  # of the map that is learned
 
 
 @dataclass(frozen=True)
 class Model(Training):
     """What was learned."""
 
-    fingerprint: str  # of the map that was learned
     network: QNetwork  # with the numbers that turn observations into inputs
 
 
@@ -74,17 +74,12 @@ def save(run: TrainingRun, folder: Path) -> None:
         "index": run.index,
         "config": dataclasses.asdict(run.config),
         "curve": run.curve,
-        "fingerprint": _fingerprint(run.scenario, run.seed, run.index),
+        "fingerprint": run.fingerprint,
     }
     for name, tree in ((CHECKPOINT, _plain(run.state)), (MODEL, run.network)):
         with whole_file(folder / name) as temporary, temporary.open("wb") as file:
             file.write(json.dumps(header).encode() + b"\n")
             eqx.tree_serialise_leaves(file, tree)
-
-
-@lru_cache(maxsize=8)
-def _fingerprint(scenario: Scenario, seed: int, index: int) -> str:
-    return fingerprint(draw_training_map(scenario, seed, index))
 
 
 def load(folder: Path) -> TrainingRun:
@@ -93,14 +88,20 @@ def load(folder: Path) -> TrainingRun:
     Raises
     ------
     CheckpointError
-        The folder holds no run, one of another format, or a damaged one.
+        The folder holds no run, one of another format, or a damaged one; streets or crowds that are others by now.
     """
 
     def template(run: Training) -> TrainState:
-        place = learned_place(run.config, run.scenario, draw_training_map(run.scenario, run.seed, run.index))
+        drawn = draw_training_map(run.scenario, run.seed, run.index)
+        if fingerprint(drawn) != run.fingerprint:
+            raise CheckpointError(
+                f"the streets or crowds of {run.scenario.name} have changed since the model in {folder} was saved; "
+                "it cannot go on"
+            )
+        place = learned_place(run.config, run.scenario, drawn)
         return jax.eval_shape(lambda here: _plain(prepare(run.config, run.scenario, here)[1]), place)
 
-    training, _, state = _read(folder, CHECKPOINT, template)
+    training, state = _read(folder, CHECKPOINT, template)
     return TrainingRun(**_fields(training), state=_keyed(state))
 
 
@@ -119,15 +120,15 @@ def load_model(folder: Path) -> Model:
         network = draw_training_map(run.scenario, run.seed, run.index).network if bound else _any_streets()
         return jax.eval_shape(partial(fresh_network, run.config, run.scenario), network, jax.random.key(0))
 
-    training, header, network = _read(folder, MODEL, template)
-    return Model(**_fields(training), fingerprint=str(header["fingerprint"]), network=network)
+    training, network = _read(folder, MODEL, template)
+    return Model(**_fields(training), network=network)
 
 
 def _any_streets() -> RoadNetwork:
     return road_network(np.zeros((2, 2)), [0], [1], [1.0])
 
 
-def _read(folder: Path, name: str, template: Callable[[Training], Tree]) -> tuple[Training, dict[str, Any], Tree]:
+def _read(folder: Path, name: str, template: Callable[[Training], Tree]) -> tuple[Training, Tree]:
     path = folder / name
     try:
         file = path.open("rb")
@@ -148,13 +149,14 @@ def _read(folder: Path, name: str, template: Callable[[Training], Tree]) -> tupl
                 index=int(header["index"]),
                 config=_revived(TrainConfig, header["config"]),
                 curve=tuple(tuple(map(float, walks)) for walks in header["curve"]),
+                fingerprint=str(header["fingerprint"]),
             )
             tree = eqx.tree_deserialise_leaves(file, template(training))
         except SidestepError:
             raise
         except Exception as error:  # whatever a damaged file makes the reader say
             raise CheckpointError(f"{path} is damaged or cut short: {error or type(error).__name__}") from error
-    return training, header, tree
+    return training, tree
 
 
 def _fields(training: Training) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache, partial
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -23,6 +23,7 @@ from sidestep.environment.instances import DRAWS, InstanceSampler
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.environment.walk import Decide, walk
+from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import CrowdedMap, draw_training_map, purpose_key
@@ -185,7 +186,7 @@ def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple
     return Problem(params, here, tests), start(config, scenario, params, here, place)
 
 
-@lru_cache(maxsize=16)
+@cached_by_files(lambda _, scenario: scenario.files, most=16)
 def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
     place = learned_place(config, scenario, draw_training_map(scenario, seed=0))

@@ -66,7 +66,7 @@ class Results(TypedDict):
 
     scenario: str
     summary: str  # of the scenario: where its crowds come from
-    flows: str
+    flows: str  # what moves the crowds: forecast, arima, rush, sensors or table
     maps: int
     walks: int
     seed: int
@@ -96,7 +96,7 @@ class Comparison:
         return {
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,
-            "flows": self.scenario.flows,
+            "flows": self.scenario.crowds,
             "maps": self.maps,
             "walks": self.walks,
             "seed": self.seed,

@@ -19,7 +19,7 @@ _NEVER = "\ufffe\uffff"  # no characters, says XML
 _ODBL = "https://opendatacommons.org/licenses/odbl/1-0/"
 _ROUTE_MEMBERS = (
     "scenario", "planner", "level", "departure", "departs", "metres", "expected_minutes", "arrives", "mean_density",
-    "crowding", "futures", "median_minutes", "p90_minutes", "arrival_rate", "others",
+    "crowding", "futures", "median_minutes", "p90_minutes", "arrival_rate", "by_minutes", "arrive_by", "others",
 )  # fmt: skip
 
 
@@ -63,13 +63,13 @@ def _degrees(points: Float[np.ndarray, "*point 2"]) -> list[Any]:
     return np.round(points, 7).tolist()
 
 
-def route_gpx(journey: Journey) -> str:
+def route_gpx(journey: Journey, by: float | None = None) -> str:
     """A route of the turns, and a track of the whole course.
 
     GPX wants UTC, but counts are in local wall time of no given zone: times are written without one. Where no day was
     given there are none.
     """
-    said = itinerary(journey)
+    said = itinerary(journey, by)
     ET.register_namespace("", _GPX)
     gpx = ET.Element(
         "gpx",
@@ -110,7 +110,10 @@ def _metadata(gpx: ET.Element, journey: Journey, said: JourneyJson, name: str) -
     about = (
         f"{said['planner']}, departing {said['departs']}: {said['metres']:,.0f} m, {said['expected_minutes']:.1f} min"
     )
-    _add(metadata, "desc", f"{about} if crowds are as expected. Crowds: {said['crowds']}.{zone}")
+    likely = ""
+    if said["arrive_by"] is not None:
+        likely = f" Arrives within {said['by_minutes']:g} min with probability {said['arrive_by']:.2f}."
+    _add(metadata, "desc", f"{about} if crowds are as expected.{likely} Crowds: {said['crowds']}.{zone}")
     copyright_ = _add(metadata, "copyright")
     copyright_.set("author", said["attribution"])
     if "ODbL" in said["attribution"]:

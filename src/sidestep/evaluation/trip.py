@@ -10,7 +10,7 @@ import numpy as np
 
 from sidestep.evaluation.foresight import RouteError
 from sidestep.flow.counts import CountTable
-from sidestep.flow.profile import HOURS_OF_WEEK
+from sidestep.flow.profile import time_of_week
 from sidestep.flow.sensors import SensorFlow
 from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.splice import Spliced, splice
@@ -154,8 +154,7 @@ def read_departure(text: str | None, venue: Venue) -> Departure:
         raise RouteError(
             f"--depart must be local wall time without zone or offset, such as 2025-05-24T12:30, not {text}"
         )
-    seconds = time - datetime(time.year, time.month, time.day)  # noqa: DTZ001
-    return Departure((24 * time.weekday() + seconds.total_seconds() / 3600) % HOURS_OF_WEEK, time)
+    return Departure(time_of_week(time), time)
 
 
 def prepare(

@@ -50,7 +50,7 @@ Deviations from the paper, and what it leaves open:
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +77,7 @@ class Plan:
 
     maps: int = 100
     literal_maps: int = 20  # the paper preset takes 50,000 small steps a map, so it walks the first of the maps only
+    literal_rounds: int = PRESETS["paper"].rounds
     walks: int = 20
     seed: int = 0
 
@@ -86,7 +87,7 @@ class Plan:
         return self.maps * len(CONDITIONS) * len(FLOWS)
 
 
-QUICK = Plan(maps=2, literal_maps=1, walks=5)
+QUICK = Plan(maps=2, literal_maps=1, literal_rounds=5, walks=5)
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def reproduce(
     for key, found in conditions.items():
         pictures[key] = out / f"{key.replace('_', '-')}.png"
         _draw(key, compared[key], found.curves, pictures[key])
-    claims = report.claims(compared)
+    claims = report.claims(compared, plan.literal_rounds * PRESETS["paper"].round_steps)
     curves = {
         key: {name: curve.minutes.mean(axis=0).tolist() for name, curve in found.curves.items()}
         for key, found in conditions.items()
@@ -129,8 +130,10 @@ def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable
     def default(place: CrowdedMap, _index: int) -> Planner:
         return train_darp(PRESETS["default"], problem, place)
 
+    as_printed = replace(PRESETS["paper"], rounds=plan.literal_rounds)
+
     def literal(place: CrowdedMap, index: int) -> Planner | None:
-        return train_darp(PRESETS["paper"], problem, place) if index < plan.literal_maps else None
+        return train_darp(as_printed, problem, place) if index < plan.literal_maps else None
 
     def collect(_index: int, walked: dict[str, Walked]) -> None:
         for name, found in curves.items():

@@ -32,8 +32,11 @@ class Claim:
     why: str
 
 
-def claims(results: Mapping[str, Results]) -> list[Claim]:
-    """Judge the paper's five numbers. Its flows are forecasts, so these conditions are the ones to compare."""
+def claims(results: Mapping[str, Results], literal_steps: int) -> list[Claim]:
+    """Judge the paper's five numbers. Its flows are forecasts, so these conditions are the ones to compare.
+
+    ``literal_steps`` is how many steps the paper's settings as printed were given on each map.
+    """
     free, jam = results["unblocked_forecast"]["planners"], results["congested_forecast"]["planners"]
     noisy = results["congested"]["planners"]
     darp_free, darp_jam, literal_jam = free["darp"], jam["darp"], jam["darp-paper"]
@@ -80,8 +83,8 @@ def claims(results: Mapping[str, Results]) -> list[Claim]:
         ),
         Claim(
             "The settings as printed (γ = 0.95, RMSProp 1e-4, position as x and y) learn this.",
-            f"Congested, after 50,000 steps: {percent(literal_jam['arrival_rate'])} of the walks arrive, mean "
-            f"{literal_jam['mean_minutes']:.0f} minutes; unblocked {percent(free['darp-paper']['arrival_rate'])} "
+            f"Congested, after {literal_steps:,} steps: {percent(literal_jam['arrival_rate'])} of the walks arrive, "
+            f"mean {literal_jam['mean_minutes']:.0f} minutes; unblocked {percent(free['darp-paper']['arrival_rate'])} "
             f"arrive, mean {free['darp-paper']['mean_minutes']:.0f} ({literal_jam['maps']} maps).",
             "holds" if literal_jam["arrival_rate"] > 0.99 and literal_jam["regret"] < 0.1 else "fails",
             "γ = 0.95 makes walking to and fro on a cheap street worth more than a long way to the destination.",

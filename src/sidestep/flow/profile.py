@@ -4,6 +4,8 @@ log(1 + y) = usual(hour of week) + r, where r is an AR(1). Beside the paper's AR
 nights, noons and Sundays; one hour ahead it halves the error (see `sidestep.flow.skill`).
 """
 
+from datetime import datetime
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +27,11 @@ def hour_of_week(times: Shaped[np.ndarray, " hour"]) -> Int[np.ndarray, " hour"]
     """Hour of the week of each wall time: 0 is Monday 0:00, 167 Sunday 23:00."""
     hours = times.astype("datetime64[h]").astype(np.int64)
     return np.asarray((hours + 3 * 24) % HOURS_OF_WEEK)  # day 0 of datetime64 is a Thursday
+
+
+def time_of_week(time: datetime) -> float:
+    """Hours since Monday 0:00, parts of an hour included."""
+    return 24.0 * time.weekday() + time.hour + time.minute / 60 + (time.second + time.microsecond / 1e6) / 3600
 
 
 def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " hour"]) -> HourOfWeekProfile:

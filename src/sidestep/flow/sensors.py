@@ -178,18 +178,12 @@ class SensorFlow(eqx.Module):
 
         def one(start: Float[Array, ""]) -> Float[Array, "slot sensor"]:
             usual, deviation = self._usual(start, number)
-            bridged = self._bridged(start, number)
+            since = self._since(start, number)
+            variance = self._lasting + self._together(since, since) * deviation**2
             if known is None:
-                return usual + (self._lasting + bridged * deviation**2) / 2
-            hours = (known.since + (number + 0.5) * (self.slot_seconds / HOUR))[:, None]
-            # Before the middle of the counted hour futures are as counted; nothing is interpolated.
-            variance = self._lasting + jnp.where(hours < 0, 1.0, bridged) * deviation**2
-            hours = jnp.maximum(hours, 0.0)
-            whole = jnp.floor(hours)
-            # Straight from hour to hour, as futures are.
-            left = self.model.memory**whole * (1 - (hours - whole) * (1 - self.model.memory))
+                return usual + variance / 2
             surprise, then = self._surprise(known)
-            covariance = self._lasting + left * then * deviation
+            covariance = self._lasting + self._together(jnp.zeros(1), since) * then * deviation
             counted = jnp.isfinite(known.residual)
             return usual + _given(surprise, self._lasting + then**2, jnp.where(counted, covariance, 0.0), variance)
 
@@ -223,11 +217,10 @@ class SensorFlow(eqx.Module):
         """Mean densities of this and the next slots, given those of this one; a part of the surprise fades."""
         start, after = self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots)
         usual, deviation = self._usual(start, after)
-        fading = self.model.memory ** (jnp.arange(slots)[:, None] * (self.slot_seconds / HOUR))
-        deviation *= jnp.sqrt(self._bridged(start, after))
-        variance = self._lasting + deviation**2
+        since = self._since(start, after)
+        variance = self._lasting + self._together(since, since) * deviation**2
         surprise = jnp.log1p(now / self.per_count) - usual[0]
-        covariance = self._lasting + fading * deviation[0] * deviation
+        covariance = self._lasting + self._together(since[:1], since) * deviation[0] * deviation
         return self._density(usual + _given(surprise, variance[0], covariance, variance))
 
     def _surprise(self, known: Known) -> tuple[Float[Array, " sensor"], Float[Array, " sensor"]]:
@@ -257,10 +250,25 @@ class SensorFlow(eqx.Module):
 
         return at(self.model.usual) - self.uneven**2 / 2, at(self.model.deviation)
 
-    def _bridged(self, start: Float[Array, ""], slot: Int[Array, " slots"]) -> Float[Array, "slots sensor"]:
-        """Share of the variance that is left between the middles of two hours, where residuals are interpolated."""
-        _, _, part = self._hours(start, slot)
-        return 1 - 2 * (part * (1 - part))[:, None] * (1 - self.model.memory)
+    def _since(self, start: Float[Array, ""], slot: Int[Array, " slots"]) -> Float[Array, " slots"]:
+        """Hours of residuals: they are drawn at the whole ones, the middles of hours, and go straight in between.
+
+        0 is the middle before clock 0, or that of the counted hour, before which residuals are as counted.
+        """
+        if self.known is None:
+            _, hour, part = self._hours(start, slot)
+            return hour + part
+        return jnp.maximum(self.known.since + (slot + 0.5) * (self.slot_seconds / HOUR), 0.0)
+
+    def _together(self, early: Float[Array, " #slots"], late: Float[Array, " slots"]) -> Float[Array, "slots sensor"]:
+        """Covariance of residuals in units of their deviations, those of ``early`` with those of ``late``."""
+        first, second = jnp.floor(early), jnp.floor(late)
+        begun, passed, apart = ((early - first)[:, None], (late - second)[:, None], (second - first)[:, None])
+        # Of the two whole hours around each, every one with every other: memory to the power of hours between.
+        memory = self.model.memory
+        same = (1 - begun) * (1 - passed) + begun * passed
+        outer, inner = (1 - begun) * passed, begun * (1 - passed)
+        return memory**apart * (same + outer * memory) + inner * memory ** jnp.abs(apart - 1)
 
     def _simulated(
         self, key: Key[Array, ""], lasting: Float[Array, "crowd sensor"], hours: int

@@ -1,7 +1,5 @@
 """Crowds as a table has them: so many people on each segment at each time of the day, the week or the event."""
 
-from datetime import datetime
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,11 +10,6 @@ from sidestep.flow.rush import lasting_noise
 
 HOUR, DAY, WEEK = 3600.0, 24 * 3600.0, 7 * 24 * 3600.0
 FEWEST = 1e-6  # persons that count as nobody, where logarithms are taken
-
-
-def hour_of_week(time: datetime) -> float:
-    """Hours since Monday 0:00, parts of an hour included."""
-    return 24.0 * time.weekday() + time.hour + time.minute / 60 + time.second / 3600
 
 
 class TableFlow(eqx.Module):

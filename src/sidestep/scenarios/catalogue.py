@@ -5,6 +5,8 @@ import math
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from sidestep.environment.types import LEVELS, Objective, RewardWeights, Seen
 from sidestep.errors import SidestepError
 from sidestep.flow.counts import TEST, TRAIN
@@ -110,6 +112,7 @@ class Venue:
 
     def __post_init__(self) -> None:
         self._check_source()
+        self._check_periods()
         for name in ("crowding", "reach"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ScenarioError(f"{name} must be a positive number, not {getattr(self, name)}")
@@ -128,6 +131,15 @@ class Venue:
         for name in ("origins", "destinations"):
             _check_places(name, getattr(self, name))
 
+    def _check_periods(self) -> None:
+        try:
+            periods = [[np.datetime64(time, "h") for time in period] for period in (self.fitted, self.tested)]
+        except ValueError as error:
+            raise ScenarioError(f"fitted and tested must be days such as 2025-03-10: {error}") from error
+        if max(begin for begin, _ in periods) < min(end for _, end in periods):
+            both = (" to ".join(period) for period in (self.tested, self.fitted))
+            raise ScenarioError(f"tested must not overlap fitted, but {' and '.join(both)} do")
+
     def _check_source(self) -> None:
         memory, deviation = self.noise
         if not (0 <= memory < 1 and 0 <= deviation < math.inf):
@@ -142,14 +154,22 @@ class Venue:
                 raise ScenarioError(f"{name} means nothing to {kind}, {self.counts}")
 
     @property
+    def files(self) -> tuple[str, ...]:
+        """Where its streets and counts come from; what comes with the package is no file."""
+        return self.streets, self.counts
+
+    @property
     def tabled(self) -> bool:
         """Whether crowds come from a table of all segments, not from sensors."""
         return self.counts.lower().endswith(".npz")
 
     def starts(self, number: int, first: int = 0) -> list[float]:
-        """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out."""
+        """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out.
+
+        Minutes are spread by the golden ratio; by that same number each weekday would have minutes of its own.
+        """
         every = [24.0 * day + hour for day in sorted(set(self.days)) for hour in range(*self.hours)]
-        return [every[int(len(every) * (turn * GOLDEN % 1))] for turn in range(first, first + number)]
+        return [every[int(len(every) * (turn * ROOT_3 % 1))] for turn in range(first, first + number)]
 
 
 def _check_places(name: str, places: tuple[Place, ...]) -> None:
@@ -166,6 +186,7 @@ def _check_places(name: str, places: tuple[Place, ...]) -> None:
 
 
 GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, less their whole part, spread evenly
+ROOT_3 = math.sqrt(3)  # with multiples of both, pairs fill a square evenly
 
 
 @dataclass(frozen=True)
@@ -252,9 +273,23 @@ class Scenario:
             raise ScenarioError(f"max_density must be a positive number of persons/m², not {wanted.max_density}")
 
     @property
+    def crowds(self) -> str:
+        """What moves the crowds: the model of the counts, rush hours, sensors or a table; or a forecast of these."""
+        if self.flows == "forecast":
+            return self.flows
+        if self.venue is not None:
+            return "table" if self.venue.tabled else "sensors"
+        return "arima" if self.rush is None else "rush"
+
+    @property
     def sensed(self) -> bool:
         """Whether crowds are known from sensors: walkers then see more, and agents are trained for that."""
         return self.venue is not None and not self.venue.tabled
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Those that its streets and crowds come from."""
+        return self.venue.files if self.venue else ()
 
     @property
     def origin(self) -> int:

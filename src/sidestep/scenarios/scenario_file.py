@@ -37,6 +37,7 @@ MOST_LINES = 2_000  # lines of a scenario file; more is no scenario
 MOST_SLOTS = 10_000  # of one walk; futures are worked out for each of them
 TOWN, COUNTS = "helsinki", "auckland"  # what comes with the package
 PAIRED = "paired"
+_PERIODS = ("fitted", "tested")
 
 _DEFAULTS = BUILT_IN["helsinki"]
 _LINE_OF_ERROR = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
@@ -176,17 +177,22 @@ class _Reader:
         single = [item for item in given.items() if item[1][0].of not in _WHOLE]
         for keys, (field, value) in sorted(single, key=lambda item: item[0] != ("counts", "file")):
             at = self._file(keys, folder, value) if keys[-1] == "file" else value
+            changes = {field.name: at}
+            if field.name in _PERIODS:  # neither must overlap the other, nor what the other is by default
+                changes = {name: given["counts", name][1] for name in _PERIODS if ("counts", name) in given}
             try:
                 if field.of == "venue":
-                    venue = replace(venue, **{field.name: at})  # type: ignore[arg-type]
+                    venue = replace(venue, **changes)  # type: ignore[arg-type]
                 else:
-                    problem = replace(problem, **{field.name: at})  # type: ignore[arg-type]
+                    problem = replace(problem, **changes)  # type: ignore[arg-type]
             except ScenarioError as error:
-                raise self._blamed(keys, str(error)) from error
+                named = (keys[0], str(error).partition(" ")[0])
+                raise self._blamed(named if named in given else keys, str(error)) from error
         problem, venue = self._with_wholes(problem, venue, given)
         slots = (problem.departures[1] + problem.horizon) / problem.slot_seconds
         if slots > MOST_SLOTS:
-            keys = ("walking", "slot_minutes" if ("walking", "slot_minutes") in given else "horizon_minutes")
+            long = "departures_minutes" if problem.departures[1] > problem.horizon else "horizon_minutes"
+            keys = ("walking", "slot_minutes" if problem.slot_seconds < _DEFAULTS.slot_seconds else long)
             raise self._error(keys, f"{'.'.join(keys)} makes {slots:,.0f} slots; at most {MOST_SLOTS:,} will do")
         if venue.places > 1 and any(sensor.place for sensor in venue.sensors):
             raise self._error(("counts", "places"), "counts.places must be 1 where sensors have places of their own")
@@ -287,7 +293,7 @@ class _Reader:
         from sidestep.scenarios.towns import counts_of, nearest_street
 
         table = self._at(("counts", "file"), counts_of, venue.counts)
-        for period in ("fitted", "tested"):
+        for period in _PERIODS:
             defaulted = venue.counts != COUNTS and ("counts", period) not in given
             more = f"; give counts.{period}, since the default days are Auckland's" if defaulted else ""
             self._at(("counts", period), table.between, *getattr(venue, period), more=more)

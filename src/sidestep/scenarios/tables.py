@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
+from sidestep.flow.profile import time_of_week
 from sidestep.flow.table import MOST_CELLS, CrowdTable, read_table
-from sidestep.flow.tabled import TableFlow, hour_of_week
+from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
 from sidestep.scenarios.catalogue import DAYS, LAWS, Law, ScenarioError, Venue
@@ -52,8 +53,9 @@ def import_table(
         A file that cannot be read or breaks a rule.
     """
     table, network = read_table(path, town, slot_seconds), town.network()
-    volume, slower = volumes(table, network, law)
-    density = volume / _area(network)
+    # Only of what is mentioned: most towns are larger than their tables, and elsewhere is nobody.
+    volume, slower = _volumes(table, network, law)
+    density, cells = volume / _area(network)[table.segment], table.slots * network.segments
     ends = None if table.begins is None else _later(table.begins, table.slots * table.slot_seconds)
     return table, TableReport(
         source=table.source,
@@ -69,8 +71,8 @@ def import_table(
         details={repair.kind: repair.detail for repair in table.repairs},
         unused_columns=table.unused,
         largest_density=float(density.max()),
-        share_above_1=float((density > DENSE).mean()),
-        share_above_4=float((density > JAMMED).mean()),
+        share_above_1=float((density > DENSE).sum() / cells),
+        share_above_4=float((density > JAMMED).sum() / cells),
         law=law if table.quantity == "speed" else None,
         slower_than_law=slower,
     )
@@ -83,8 +85,8 @@ def _later(time: datetime, seconds: float) -> str | None:
         return None
 
 
-def volumes(table: CrowdTable, network: RoadNetwork, law: Law) -> tuple[Float32[np.ndarray, "slot segment"], int]:
-    """Persons on every segment in every slot, and how many speeds are below the law's lowest."""
+def _volumes(table: CrowdTable, network: RoadNetwork, law: Law) -> tuple[Float32[np.ndarray, "slot mentioned"], int]:
+    """Persons on the segments that are mentioned, and how many speeds are below the law's lowest."""
     value, slower = table.value, 0
     if table.quantity == "speed":
         lowest = float(LAWS[law].speed(jnp.float32(DENSEST)))
@@ -92,9 +94,7 @@ def volumes(table: CrowdTable, network: RoadNetwork, law: Law) -> tuple[Float32[
         value = density_at_speed(LAWS[law], value)
     if table.quantity != "volume":
         value = value * _area(network)[table.segment]
-    everywhere = np.zeros((table.slots, network.segments), np.float32)
-    everywhere[:, table.segment] = value
-    return everywhere, slower
+    return value, slower
 
 
 def _area(network: RoadNetwork) -> Float32[np.ndarray, " segment"]:
@@ -119,9 +119,10 @@ def table_flow(venue: Venue, table: CrowdTable, network: RoadNetwork, *, slot_se
         raise ScenarioError(
             f"{table.source}: {table.slots} slots of {network.segments} segments are more than {MOST_CELLS:,} numbers"
         )
-    volume, _ = volumes(table, network, law)
+    volume = np.zeros((table.slots, network.segments), np.float32)
+    volume[:, table.segment], _ = _volumes(table, network, law)
     memory, deviation = venue.noise
-    begins = None if table.begins is None else hour_of_week(table.begins)
+    begins = None if table.begins is None else time_of_week(table.begins)
     start = None if begins is None else jnp.asarray(venue.starts(1), jnp.float32)
     usual = jnp.asarray(venue.crowding * volume, jnp.float32)
     flow = TableFlow(usual, table.slot_seconds, memory, deviation, slot_seconds, begins, start)

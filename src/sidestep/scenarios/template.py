@@ -74,7 +74,8 @@ file = "auckland"
 # First day, and the one past the last, that usual crowds are fitted to; at least four weeks. By default these,
 # which are Auckland's: choose your own for counts of your own.
 fitted = [2024-01-01, 2025-01-01]
-# The same of the days that walks are tested in: at least two whole weeks, Monday to Sunday. By default these.
+# The same of the days that walks are tested in, none of those above: at least two whole weeks, Monday to Sunday. By
+# default these.
 tested = [2025-03-10, 2025-06-01]
 # Seed of 0 or more that draws a street for each sensor that is "paired". 0 by default.
 pairing = 0

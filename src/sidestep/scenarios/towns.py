@@ -4,7 +4,6 @@ import difflib
 import reprlib
 from dataclasses import replace
 from datetime import datetime
-from functools import lru_cache
 from pathlib import Path
 
 import equinox as eqx
@@ -15,6 +14,7 @@ from scipy.linalg import block_diag
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from sidestep.files import cached_by_files
 from sidestep.flow.counts import CountTable, load_auckland, read_counts
 from sidestep.flow.profile import hour_of_week
 from sidestep.flow.sensors import Known, SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
@@ -46,13 +46,13 @@ class TownCrowds(eqx.Module):
     waits: Waits | None = None
 
 
-@lru_cache(maxsize=4)
+@cached_by_files(lambda streets: (streets,))
 def town_of(streets: str) -> Town:
     """The streets of a venue."""
     return load_helsinki() if streets == "helsinki" else load_town(Path(streets))
 
 
-@lru_cache(maxsize=4)
+@cached_by_files(lambda counts: (counts,))
 def counts_of(counts: str) -> CountTable:
     """The counts of a venue."""
     return load_auckland() if counts == "auckland" else read_counts(counts)
@@ -71,7 +71,7 @@ def table_of(venue: Venue, town: Town) -> CrowdTable:
     return table
 
 
-@lru_cache(maxsize=4)
+@cached_by_files(lambda venue, *_: venue.files)
 def town_crowds(venue: Venue, slot_seconds: float, law: Law = "weidmann") -> TownCrowds:
     """Streets and crowds of a venue; ``law`` turns speeds into densities, where a table has speeds.
 
@@ -286,10 +286,12 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
     Raises
     ------
     ScenarioError
-        More sensors than streets.
+        More sensors, or places of them, than streets.
     """
     if len(sensors) > town.streets:
-        raise ScenarioError(f"there are {len(sensors)} sensors, but {town.streets} streets")
+        every = len({sensor.name for sensor in sensors})
+        places = f" in {len(sensors)} places" if every < len(sensors) else ""
+        raise ScenarioError(f"there are {every} sensors{places}, but {town.streets} streets")
     middle = (np.asarray(network.position)[town.tail] + np.asarray(network.position)[town.head]) / 2
     snap = Snapper(town)
     found = [nearest_street(snap, sensor) for sensor in sensors]
