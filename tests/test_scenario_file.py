@@ -15,12 +15,13 @@ import pytest
 from sidestep.agent import checkpoint
 from sidestep.agent.config import preset_for
 from sidestep.agent.train import fresh_network
+from sidestep.environment.types import Objective
 from sidestep.evaluation.compare import BASELINES, walk_map
 from sidestep.files import OutputError
 from sidestep.flow.counts import TEST, TRAIN
 from sidestep.network.graph import road_network
 from sidestep.network.io import load_helsinki, save_town
-from sidestep.scenarios.catalogue import BUILT_IN, ScenarioError, Sensor, Venue, changed
+from sidestep.scenarios.catalogue import BUILT_IN, ScenarioError, Sensor, Traffic, Venue, changed
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.scenario_file import _FIELDS, _TOP, find_scenario, load_scenario
 from sidestep.scenarios.template import new_scenario
@@ -142,11 +143,17 @@ def test_the_template_is_helsinki_and_names_every_field(tmp_path) -> None:
     found, helsinki = load_scenario(file), BUILT_IN["helsinki"]
     assert (found.name, found.venue) == ("my-town", helsinki.venue)
     assert dataclasses.replace(found, name="helsinki", summary=helsinki.summary) == helsinki
-    values = tomllib.loads(file.read_text())
+    # Some tables are there to be uncommented.
+    whole = re.sub(r"(?m)^# (?=(\[\w+\]|\w+ = .*#.*|\w+ = [\d.]+)$)", "", file.read_text())
+    values = tomllib.loads(whole)
     assert set(values) == {*_TOP, *_FIELDS}
     for table, fields in _FIELDS.items():
         assert table == "sensors" or set(values[table]) == set(fields)
     text = re.sub(r"#.*", "", file.read_text())
+    file.write_text(whole)
+    found = load_scenario(file)
+    assert found.venue == dataclasses.replace(helsinki.venue, traffic=Traffic())
+    assert found.objective == Objective(exposure=0.5, max_density=4.0)
     ours = re.compile(r'^(crowding|uneven|reach|places) =|= "paired"')
     bare = "\n".join(line for line in text.splitlines() if not ours.search(line))
     # What it says the defaults are, they are.
@@ -154,6 +161,33 @@ def test_the_template_is_helsinki_and_names_every_field(tmp_path) -> None:
     defaults = load_scenario(file)
     file.write_text(HELSINKI)
     assert dataclasses.replace(defaults, summary="") == load_scenario(file)
+
+
+def test_an_objective_of_time_alone_is_none(write) -> None:
+    assert load_scenario(write(HELSINKI + "[objective]\ntime = 1")).objective is None
+    both = load_scenario(write(HELSINKI + "[objective]\ntime = 0\ndistance = 2"))
+    assert both.objective == Objective(time=0.0, distance=2.0)
+    assert find_scenario("helsinki", objective="time").objective is None
+    assert find_scenario("helsinki", objective="exposure=0.5, max_density=4").objective == Objective(
+        exposure=0.5, max_density=4.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("speed", "objective must be time, distance, exposure, or weights of time, distance, exposure, max_density"),
+        ("", "objective must be time, distance, exposure, or weights"),
+        ("exposure=x", "objective: exposure must be a number, not 'x'"),
+        ("exposure=1,exposure=2", "objective must be"),
+        ("time=0", "time or distance needs a weight"),
+        ("time=nan", "time must have a weight of 0 or more, not nan"),
+        ("max_density=-1", "max_density must be a positive number of persons/m², not -1"),
+    ],
+)
+def test_objectives_that_cannot_be(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=re.escape(message)):
+        find_scenario("helsinki", objective=text)
 
 
 def test_new_leaves_alone_what_is_there(tmp_path) -> None:
@@ -242,7 +276,6 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         # unknown names
         (HELSINKI + "[walk]\n", "line 3: unknown table or field 'walk'; did you mean walks?"),
         (HELSINKI + "[zoo]\n", "line 3: unknown table or field 'zoo'; there are network, counts, sensors, demand,"),
-        (HELSINKI + "[objective]\ntime = 1", "line 3: unknown table or field 'objective'; there are network"),
         ("nmae = 'x'\n" + HELSINKI, "line 1: unknown table or field 'nmae'; did you mean name?"),
         (HELSINKI + "[demand]\n\ncrowd = 2", "line 5: unknown field 'crowd' in [demand]; did you mean crowding?"),
         (HELSINKI + "[agent]\nxyz = 2", "line 4: unknown field 'xyz' in [agent]; there are level"),
@@ -305,6 +338,17 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[walks]\ndestinations = [[48.2, 16.4]]", "line 4: walks.destinations: 48.2, 16.4"),
         (HELSINKI + "[walks]\norigins = [5]\ndestinations = [5]", "line 5: walks.destinations: crossing 5 is the only"),
         (HELSINKI + "[agent]\nlevel = 'position'", "line 4: agent.level must be one of local, map, live, not 'posi"),
+        (HELSINKI + "[traffic]\ncycle = 60\ngreen = 61", "line 5: traffic.green must be seconds of the 60 of a"),
+        (HELSINKI + "[traffic]\ncycle = 20", "line 3: traffic: green must be seconds of the 20 of a"),
+        (HELSINKI + "[traffic]\nvehicles = 1e9", "line 4: traffic.vehicles must be between 0 and 3,000 an hour"),
+        (HELSINKI + "[traffic]\ngap = 0", "line 4: traffic.gap must be seconds above 0 and up to 20, not 0"),
+        (HELSINKI + "[traffic]\ncycle = nan", "line 4: traffic.cycle must be seconds above 0 and up to 600, not nan"),
+        (HELSINKI + "[traffic]\noffsets = -1", "line 4: traffic.offsets must be a seed of 0 or more, not -1"),
+        (HELSINKI + "[objective]\nexposure = -1", "line 4: objective.exposure must have a weight of 0 or more, not -1"),
+        (HELSINKI + "[objective]\ntime = 0", "line 3: objective: exposure alone makes all ways"),
+        (HELSINKI + "[objective]\ntime = '1'", "line 4: objective.time must be a number, not '1'"),
+        (HELSINKI + "[objective]\nmax_density = 0", "line 4: objective.max_density must be a positive number"),
+        (HELSINKI + "[objective]\nsafety = 1", "line 4: unknown field 'safety' in [objective]; there are time"),
         (HELSINKI + "[sensors]\n'45 Queen Street' = [24.94, 60.17]", "line 4: sensors.45 Queen Street: sensor"),
         (HELSINKI + "[sensors]\n'45 Queen Street' = [240, 60.17]", "240, 60.17 is no place"),
         # files

@@ -70,20 +70,20 @@ class Traffic:
     gap: float = 8.0  # s between two vehicles in which walkers cross
 
     def __post_init__(self) -> None:
-        if not 0 < self.green <= self.cycle < math.inf:
-            raise ScenarioError(
-                f"green must be a part of the cycle, both in seconds, not {self.green:g} of {self.cycle:g}"
-            )
+        if not 0 < self.cycle <= LONGEST_CYCLE:
+            raise ScenarioError(f"cycle must be seconds above 0 and up to {LONGEST_CYCLE:g}, not {self.cycle:g}")
+        if not 0 < self.green <= self.cycle:
+            raise ScenarioError(f"green must be seconds of the {self.cycle:g} of a cycle, not {self.green:g}")
         if self.offsets < 0:
             raise ScenarioError(f"offsets must be a seed of 0 or more, not {self.offsets}")
-        if not (0 <= self.vehicles <= MOST_VEHICLES and 0 < self.gap <= LONGEST_GAP):
-            raise ScenarioError(
-                f"vehicles must be 0 to {MOST_VEHICLES:,} an hour and gap above 0 s and up to {LONGEST_GAP:g}, "
-                f"not {self.vehicles:g} and {self.gap:g}"
-            )
+        if not 0 <= self.vehicles <= MOST_VEHICLES:
+            raise ScenarioError(f"vehicles must be between 0 and {MOST_VEHICLES:,} an hour, not {self.vehicles:g}")
+        if not 0 < self.gap <= LONGEST_GAP:
+            raise ScenarioError(f"gap must be seconds above 0 and up to {LONGEST_GAP:g}, not {self.gap:g}")
 
 
 MOST_VEHICLES, LONGEST_GAP = 3_000, 20.0  # the mean wait grows exponentially with their product
+LONGEST_CYCLE = 600.0  # s
 
 Place = int | tuple[float, float]
 """A crossing: its number, or latitude and longitude in degrees of a place near it."""
@@ -266,9 +266,11 @@ class Scenario:
             return
         for name in ("time", "distance", "exposure"):
             if not 0 <= getattr(wanted, name) < math.inf:
-                raise ScenarioError(f"the weight of {name} must be a number of 0 or more, not {getattr(wanted, name)}")
+                raise ScenarioError(f"{name} must have a weight of 0 or more, not {getattr(wanted, name)}")
         if not wanted.time and not wanted.distance:
-            raise ScenarioError("time or distance must have a weight: all ways without a crowd would be the same")
+            raise ScenarioError(
+                "exposure alone makes all ways without a crowd the same: time or distance needs a weight"
+            )
         if wanted.max_density is not None and not 0 < wanted.max_density < math.inf:
             raise ScenarioError(f"max_density must be a positive number of persons/m², not {wanted.max_density}")
 

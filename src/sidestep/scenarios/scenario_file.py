@@ -203,12 +203,17 @@ class _Reader:
 
     def _with_wholes(self, problem: Scenario, venue: Venue, given: Given) -> tuple[Scenario, Venue]:
         """Tables that are taken as a whole, since what one of their fields may be depends on the others."""
-        traffic, objective = (dict(self._fields_of(table, given)) for table in _WHOLE)
-        if "traffic" in self.values:
-            venue = replace(venue, traffic=self._at(("traffic",), lambda: Traffic(**traffic)))
-        if "objective" in self.values:
-            wanted = only_time(Objective(**objective))
-            problem = self._at(("objective",), lambda: replace(problem, objective=wanted))
+        table = _WHOLE[0]
+        try:
+            if table in self.values:
+                venue = replace(venue, traffic=Traffic(**dict(self._fields_of(table, given))))
+            table = _WHOLE[1]
+            if table in self.values:
+                wanted = only_time(Objective(**dict(self._fields_of(table, given))))
+                problem = replace(problem, objective=wanted)
+        except ScenarioError as error:
+            named = (table, str(error).partition(" ")[0])
+            raise self._blamed(named if named in given else (table,), str(error)) from error
         return problem, venue
 
     @staticmethod
