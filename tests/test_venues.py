@@ -15,13 +15,17 @@ from sidestep.agent.train import greedy, learned_place, prepare
 from sidestep.environment.types import Local, Observation, Usual
 from sidestep.flow.profile import hour_of_week
 from sidestep.flow.sensors import fit_sensors, recorded_weeks
+from sidestep.network.io import load_helsinki
 from sidestep.network.snap import Snapper
+from sidestep.planners.base import walk_plan
 from sidestep.planners.darp import ModelError, load_planners, trainable
+from sidestep.planners.greedy import GreedyMap
+from sidestep.planners.search import Clairvoyant, Expected
 from sidestep.scenarios import towns
-from sidestep.scenarios.catalogue import GOLDEN, Scenario, ScenarioError, Sensor, Venue, scenario
+from sidestep.scenarios.catalogue import GOLDEN, Scenario, ScenarioError, Sensor, Traffic, Venue, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.towns import APART, counts_of, stations, town_of
-from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, new_crowds, put_crowds, set_out
+from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, make_environment, new_crowds, put_crowds, set_out
 from sidestep.travel_time import FREE_SPEED, SensedSpeeds
 
 HELSINKI = scenario("helsinki", horizon=1200.0, departures=(0.0, 300.0))
@@ -326,3 +330,41 @@ def test_corrections_are_followed_where_they_save_seconds(
     valid = jnp.array([True, True, False])
     seen = Observation(jnp.int32(0), jnp.zeros(2), valid, local, usual, None, estimate)
     assert int(greedy(state.network)(seen, jax.random.key(0))) == chosen
+
+
+# --- Lights and crossings -------------------------------------------------------------------------------------------
+
+
+def test_lights_and_crossings_are_those_of_the_streets_both_ways(place) -> None:
+    assert place.waits is None
+    town = load_helsinki()
+    lit = dataclasses.replace(HELSINKI, venue=dataclasses.replace(VENUE, traffic=Traffic(vehicles=720.0)))
+    waits = draw_map(lit, 1).waits
+    street, back = town.street_of_segment()
+    np.testing.assert_array_equal(waits.lights, town.signals[street])
+    np.testing.assert_array_equal(waits.others, town.crossings[street])
+    assert np.ptp(np.asarray(waits.offset)[np.asarray(waits.lights) > 0]) > 60
+    # A street's light is one for both directions.
+    first = np.asarray(waits.offset)[: town.streets]
+    np.testing.assert_array_equal(np.asarray(waits.offset)[back], first[street[back]])
+    assert float(waits.vehicles.max()) == pytest.approx(0.2)
+    # Goals have hours of their own.
+    goals = np.array([[3], [4]])
+    here = set_out(lit, draw_map(lit, 1), goals)
+    np.testing.assert_array_equal(here.waits.start, here.flow.start)
+
+
+def test_lights_take_time_and_nobody_beats_who_knows_their_phases() -> None:
+    lit = dataclasses.replace(HELSINKI, venue=dataclasses.replace(VENUE, traffic=Traffic()))
+    goals = np.array([[3], [400]])
+    minutes = {}
+    for problem in (HELSINKI, lit):
+        here = set_out(problem, draw_map(problem, 1), goals)
+        params = make_environment(problem, here, "test", 2, level="map", goals=goals)
+        todo = instances(problem, here, params, 2, goals=goals)
+        for planner in (Expected(), GreedyMap(), Clairvoyant()):
+            walked = walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(0))
+            minutes[problem is lit, planner.name] = np.asarray(walked.seconds) / 60
+    assert (minutes[True, "clairvoyant"] > minutes[False, "clairvoyant"]).all()
+    for name in ("expected", "greedy-map"):
+        assert (minutes[True, name] >= minutes[True, "clairvoyant"] - 1e-3).all()

@@ -60,7 +60,7 @@ def one_sentence(done, status=2):
 def test_help_names_all_commands(sidestep):
     done = sidestep("--help")
     assert done.returncode == 0
-    for command in ("demo", "reproduce", "train", "compare", "route", "counts"):
+    for command in ("demo", "reproduce", "train", "compare", "route", "trade-off", "counts"):
         assert re.search(rf"\b{command}\b", done.stdout)
         assert "--seed" in sidestep(command, "--help").stdout
         assert "--json" in sidestep(command, "--help").stdout
@@ -115,6 +115,34 @@ def test_demo_writes_a_picture(sidestep, tmp_path):
     assert "darp" in done.stdout
     assert (tmp_path / "d" / "map.png").read_bytes().startswith(b"\x89PNG")
     assert [file.name for file in (tmp_path / "d").iterdir()] == ["map.png"]
+
+
+def test_trade_off_draws_what_time_and_crowds_cost(sidestep, tmp_path):
+    grid = ("paper-congested", "--side", 3, "--crowded-nodes", 1, "--seed", 2)
+    picture = tmp_path / "new" / "t.png"
+    args = ("--weights", "5,0", "--planners", "clairvoyant", "--walks", 3, "--out", picture, "--json")
+    done = sidestep("trade-off", *grid, *args)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert found["picture"] == str(picture)
+    ((name, points),) = found["curves"].items()
+    assert (name, [point["weight"] for point in points]) == ("clairvoyant", [0, 5])
+    # Less crowd for more time.
+    fast, empty = points
+    assert fast["minutes"] <= empty["minutes"]
+    assert fast["exposure"] >= empty["exposure"]
+    assert found["shortest_path"]["exposure"] >= empty["exposure"]
+    assert (found["attribution"], empty["arrival_rate"]) == ("", 1)
+    # The same walks with the same weight cost the same.
+    done = sidestep(
+        "compare", *grid, "--objective", "exposure=5", "--maps", 1, "--walks", 3, "--planners", "clairvoyant", "--json"
+    )
+    compared = json.loads(done.stdout)
+    assert compared["objective"] == {"time": 1, "distance": 0, "exposure": 5, "max_density": None}
+    row = compared["planners"]["clairvoyant"]
+    assert (row["mean_minutes"], row["mean_exposure"]) == (empty["minutes"], empty["exposure"])
+    assert row["mean_cost_minutes"] == pytest.approx(row["mean_minutes"] + 5 * row["mean_exposure"] / 60, rel=1e-4)
 
 
 def test_train_resumes_where_it_was(sidestep, model):

@@ -268,9 +268,7 @@ class Scenario:
             if not 0 <= getattr(wanted, name) < math.inf:
                 raise ScenarioError(f"{name} must have a weight of 0 or more, not {getattr(wanted, name)}")
         if not wanted.time and not wanted.distance:
-            raise ScenarioError(
-                "exposure alone makes all ways without a crowd the same: time or distance needs a weight"
-            )
+            raise ScenarioError("exposure alone makes all empty ways the same: time or distance needs a weight")
         if wanted.max_density is not None and not 0 < wanted.max_density < math.inf:
             raise ScenarioError(f"max_density must be a positive number of persons/m², not {wanted.max_density}")
 
