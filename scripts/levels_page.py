@@ -57,7 +57,7 @@ One algorithm at four levels. Every planner states what it knows and is set besi
 | level | the walker sees (`sidestep.environment.types.Observation`) | estimates the time to its destination as | planners of the level |
 |---|---|---|---|
 | `position` | its crossing, x and y in metres, which exits there are | not at all | `random-walk`, `random-progress` |
-| `local` | + the clock, s; where the destination lies, m; of each street that leaves: length, m, the time to cross it at the speed seen on it now, s, where it leads, m; how long ago each next crossing was left (it remembers eight) | the time to cross each street as seen now, and a straight line at free speed | `greedy-local` |
+| `local` | + the clock, s; where the destination lies, m; of each street that leaves: length, m, the time to cross it at the speed and with the lights seen on it now, s, where it leads, m; how long ago each next crossing was left (it remembers eight) | the time to cross each street as seen now, and a straight line at free speed | `greedy-local` |
 | `map` | + the usual time to cross each street now, s; the expected time to go from each next crossing at the time of reaching it, s | the time to cross as seen now, and the fastest way through the expected crowds | `shortest-path`, `expected`, `greedy-map` |
 | `live` | + the time over each street if all crowds stay as counted now, and if they go on as forecast from the counts, s | the forecast | `snapshot`, `forecast` |
 | hindsight | the future | | `clairvoyant`, the bound |

@@ -12,7 +12,7 @@ from sidestep.agent.checkpoint import TrainingRun
 from sidestep.agent.config import TrainConfigError, preset_for
 from sidestep.agent.segments import SegmentQNetwork
 from sidestep.agent.train import greedy, learned_place, prepare
-from sidestep.environment.types import Local, Observation, Usual
+from sidestep.environment.types import Local, Objective, Observation, Usual
 from sidestep.flow.profile import hour_of_week
 from sidestep.flow.sensors import fit_sensors, recorded_weeks
 from sidestep.network.io import load_helsinki
@@ -286,6 +286,16 @@ def test_models_of_grids_do_not_walk_towns_nor_the_reverse(learned, tmp_path) ->
     assert load_planners([tmp_path], scenario("helsinki"), 0).index is None
     with pytest.raises(ModelError, match=r"learned to walk in a town whose crowds .* sensors; unseen-maps is another"):
         load_planners([tmp_path], scenario("unseen-maps"), 0)
+
+
+def test_models_walk_for_the_objective_that_they_learned_for(learned, tmp_path) -> None:
+    _, _, state = learned
+    exposed = dataclasses.replace(HELSINKI, objective=Objective(exposure=0.5, max_density=4.0))
+    checkpoint.save(TrainingRun(exposed, 1, 0, CONFIG, ((7.0, 8.0),), "a place", state), tmp_path)
+    assert checkpoint.load_model(tmp_path).scenario == exposed
+    assert load_planners([tmp_path], exposed, 0).index is None
+    with pytest.raises(ModelError, match="learned for another objective"):
+        load_planners([tmp_path], HELSINKI, 0)
 
 
 def test_no_agent_walks_a_town_by_its_position() -> None:

@@ -100,8 +100,8 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     Raises
     ------
     ModelError
-        A model of another level than asked for, one that remembers the places of another map, or one that knows crowds
-        from sensors where it is to walk without, or the reverse.
+        A model of another level than asked for, one that learned for another objective, one that remembers the places of
+        another map, or one that knows crowds from sensors where it is to walk without, or the reverse.
     """
     models = {folder: load_model(folder) for folder in folders}
     bound: set[int] = set()
@@ -109,6 +109,8 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     for folder, model in models.items():
         if level is not None and model.config.level != level:
             raise ModelError(f"the model in {folder} is of level {model.config.level}, not {level}")
+        if model.scenario.objective != scenario.objective:
+            raise ModelError(f"the model in {folder} learned for another objective; give the same --objective")
         if model.config.level in ("map", "live") and model.scenario.sensed != scenario.sensed:
             where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
             raise ModelError(
