@@ -21,6 +21,7 @@ from sidestep.travel_time import (
     SpeedLaw,
     Weidmann,
     crossing_time,
+    leaving_clock,
     speed_field,
 )
 
@@ -266,6 +267,24 @@ def test_stepping_through_slot_by_slot_takes_as_long(
     assert in_single(speed, slot_seconds, metres, clock) == pytest.approx(
         expected, abs=rounding(speed, slot_seconds, metres, clock)
     )
+
+
+@partial(jax.jit, static_argnames=("slot_seconds", "rule"))
+def clock_on_leaving(speed: jax.Array, slot_seconds: float, metres: jax.Array, clock: jax.Array, rule: CrossingRule):
+    one = speed_field(speed[None, None], slot_seconds)
+    return leaving_clock(one, jnp.int32(0), jnp.int32(0), metres, clock, rule)
+
+
+@given(speeds, slot_lengths, metres_long, shares)
+def test_the_clock_on_leaving_is_that_on_entering_and_the_time_to_cross(
+    speed: np.ndarray, slot_seconds: float, metres: float, share: float
+) -> None:
+    clock = float(np.float32(share * SLOTS * slot_seconds))
+    for rule in CROSSING_RULES:
+        single = [jnp.asarray(each, jnp.float32) for each in (speed, metres, clock)]
+        left = float(clock_on_leaving(single[0], slot_seconds, single[1], single[2], rule))
+        expected = clock + in_double(speed, slot_seconds, metres, clock, rule)
+        assert left == pytest.approx(expected, abs=rounding(speed, slot_seconds, metres, clock))
 
 
 @given(speeds, slot_lengths, metres_long, shares)

@@ -3,6 +3,7 @@
 from typing import Literal, get_args
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -207,3 +208,34 @@ def crossing_time_in(
     # The slot in which the goal is reached. Counting beats a binary search: it is one pass over a short row.
     then = jnp.clip(jnp.sum(covered <= goal) - 1, now, last)
     return then * slot_seconds + (goal - covered[then]) / speed[then] - clock
+
+
+def leaving_clock(
+    speeds: Speeds,
+    crowd: Int[Array, ""],
+    segment: Int[Array, ""],
+    length: Float[Array, ""],
+    clock: Float[Array, ""],
+    rule: CrossingRule = "integrated",
+) -> Float[Array, ""]:
+    """Clock at the end of a segment that is entered at ``clock``, through one of several crowds.
+
+    The same as :func:`crossing_time` later, but only those slots are looked at that the crossing spans: nearly always
+    one or two of them.
+    """
+    last, slot_seconds = speeds.slots - 1, speeds.slot_seconds
+    slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    if rule == "entry":
+        return clock + length / speeds.at(crowd, segment, slot)
+
+    def walk(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        slot, now, left, _ = carry
+        speed = speeds.at(crowd, segment, slot)
+        ends = jnp.where(slot == last, jnp.inf, (slot + 1) * slot_seconds)
+        ahead = speed * (ends - now)
+        over = left <= ahead
+        return slot + 1, jnp.where(over, now + left / speed, ends), left - ahead, over
+
+    start = (slot, clock, length, jnp.bool_(False))
+    _, left_at, _, _ = jax.lax.while_loop(lambda carry: ~carry[3], walk, start)
+    return left_at
