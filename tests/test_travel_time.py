@@ -21,6 +21,7 @@ from sidestep.travel_time import (
     SpeedLaw,
     Weidmann,
     crossing_time,
+    crossing_times_at,
     leaving_clock,
     speed_field,
 )
@@ -285,6 +286,26 @@ def test_the_clock_on_leaving_is_that_on_entering_and_the_time_to_cross(
         left = float(clock_on_leaving(single[0], slot_seconds, single[1], single[2], rule))
         expected = clock + in_double(speed, slot_seconds, metres, clock, rule)
         assert left == pytest.approx(expected, abs=rounding(speed, slot_seconds, metres, clock))
+
+
+@partial(jax.jit, static_argnames="rule")
+def both_ways(speed: jax.Array, metres: jax.Array, clock: jax.Array, rule: CrossingRule):
+    field = speed_field(speed, 300.0)
+    each = jax.vmap(lambda *one: crossing_time(field, *one, rule))(jnp.arange(len(metres)), metres, clock)
+    return each, crossing_times_at(field.speed.T, field.covered.T, 300.0, metres, clock, rule)
+
+
+@pytest.mark.parametrize("rule", CROSSING_RULES)
+@given(
+    hnp.arrays(np.float32, (5, SLOTS), elements=st.floats(1 / 16, 20, width=32)),
+    hnp.arrays(np.float32, 5, elements=metres_long),
+    hnp.arrays(np.float32, 5, elements=st.floats(0, 1.5 * SLOTS * 300.0, allow_subnormal=False, width=32)),
+)
+def test_all_segments_at_once_take_as_long_as_each(
+    rule: CrossingRule, speed: np.ndarray, metres: np.ndarray, clock: np.ndarray
+) -> None:
+    each, together = both_ways(*map(jnp.asarray, (speed, metres, clock)), rule)
+    np.testing.assert_allclose(together, each, rtol=1e-6)
 
 
 @given(speeds, slot_lengths, metres_long, shares)

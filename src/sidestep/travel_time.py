@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.network.spread import Spread
 
@@ -208,6 +208,54 @@ def crossing_time_in(
     # The slot in which the goal is reached. Counting beats a binary search: it is one pass over a short row.
     then = jnp.clip(jnp.sum(covered <= goal) - 1, now, last)
     return then * slot_seconds + (goal - covered[then]) / speed[then] - clock
+
+
+_Slots = tuple[
+    Int[Array, ""], Int[Array, " segment"], Float[Array, " segment"], Float[Array, " segment"]
+]  # a slot; up to it the latest that each segment is walked in, with its speed and what is covered before it
+
+
+def crossing_times_at(
+    speed: Float[Array, "slot segment"],
+    covered: Float[Array, "slot segment"],
+    slot_seconds: float,
+    length: Float[Array, " segment"],
+    clock: Float[Array, " segment"],
+    rule: CrossingRule = "integrated",
+) -> Float[Array, " segment"]:
+    """:func:`crossing_time_in` of all segments at once, each entered at its own clock; slots come first.
+
+    The same to the bit, but slot by slot for all segments instead of through the whole row of each: few slots are
+    spanned, and what is known of a slot lies together in memory.
+    """
+    last = len(speed) - 1
+    now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    first = jnp.min(now)
+
+    def onward(carry: _Slots, goes: Bool[Array, " segment"]) -> _Slots:
+        slot, *old = carry
+        new = (jnp.full_like(now, slot + 1), speed[slot + 1], covered[slot + 1])
+        return slot + 1, *(jnp.where(goes, *each) for each in zip(new, old, strict=True))  # type: ignore[return-value]
+
+    # To the slot in which each segment is entered, nearly always the first one, and on to that in which it is left.
+    entered = jax.lax.while_loop(
+        lambda carry: carry[0] < jnp.max(now),
+        lambda carry: onward(carry, carry[0] < now),
+        (first, jnp.full_like(now, first), speed[first], covered[first]),
+    )
+    if rule == "entry":
+        return length / entered[2]
+    goal = entered[3] + entered[2] * (clock - now * slot_seconds) + length
+
+    def further(slot: Int[Array, ""]) -> Bool[Array, " segment"]:
+        return covered[jnp.minimum(slot + 1, last)] <= goal
+
+    _, then, at, before = jax.lax.while_loop(
+        lambda carry: (carry[0] < last) & further(carry[0]).any(),
+        lambda carry: onward(carry, further(carry[0])),
+        (first, *entered[1:]),
+    )
+    return then * slot_seconds + (goal - before) / at - clock
 
 
 def leaving_clock(

@@ -5,14 +5,12 @@ known at the beginning of every slot and taken to be linear in between; crossing
 which a short iteration settles. Exact where speeds do not change.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.network.graph import RoadNetwork
-from sidestep.travel_time import CrossingRule, SpeedField, crossing_time_in
+from sidestep.travel_time import CrossingRule, SpeedField, crossing_times_at
 
 UNREACHABLE = 1e9  # s; finite, so that it can be interpolated
 SETTLED = 0.01  # s
@@ -23,8 +21,12 @@ def crossing_times(
 ) -> Float[Array, "slot segment"]:
     """Seconds to cross each segment, entered as each slot begins."""
     clocks = jnp.arange(field.slots) * field.slot_seconds
-    enter = jax.vmap(partial(crossing_time_in, rule=rule), in_axes=(0, 0, None, 0, None))
-    return jax.lax.map(lambda clock: enter(field.speed, field.covered, field.slot_seconds, length, clock), clocks)
+    speed, covered = field.speed.T, field.covered.T
+
+    def enter(clock: Float[Array, ""]) -> Float[Array, " segment"]:
+        return crossing_times_at(speed, covered, field.slot_seconds, length, jnp.full(len(length), clock), rule)
+
+    return jax.lax.map(enter, clocks)
 
 
 def unchanging_to_go(
