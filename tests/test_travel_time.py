@@ -21,6 +21,8 @@ from sidestep.travel_time import (
     SpeedLaw,
     Weidmann,
     crossing_time,
+    crossing_times_at,
+    leaving_clock,
     speed_field,
 )
 
@@ -266,6 +268,44 @@ def test_stepping_through_slot_by_slot_takes_as_long(
     assert in_single(speed, slot_seconds, metres, clock) == pytest.approx(
         expected, abs=rounding(speed, slot_seconds, metres, clock)
     )
+
+
+@partial(jax.jit, static_argnames=("slot_seconds", "rule"))
+def clock_on_leaving(speed: jax.Array, slot_seconds: float, metres: jax.Array, clock: jax.Array, rule: CrossingRule):
+    one = speed_field(speed[None, None], slot_seconds)
+    return leaving_clock(one, jnp.int32(0), jnp.int32(0), metres, clock, rule)
+
+
+@given(speeds, slot_lengths, metres_long, shares)
+def test_the_clock_on_leaving_is_that_on_entering_and_the_time_to_cross(
+    speed: np.ndarray, slot_seconds: float, metres: float, share: float
+) -> None:
+    clock = float(np.float32(share * SLOTS * slot_seconds))
+    for rule in CROSSING_RULES:
+        single = [jnp.asarray(each, jnp.float32) for each in (speed, metres, clock)]
+        left = float(clock_on_leaving(single[0], slot_seconds, single[1], single[2], rule))
+        expected = clock + in_double(speed, slot_seconds, metres, clock, rule)
+        assert left == pytest.approx(expected, abs=rounding(speed, slot_seconds, metres, clock))
+
+
+@partial(jax.jit, static_argnames="rule")
+def both_ways(speed: jax.Array, metres: jax.Array, clock: jax.Array, rule: CrossingRule):
+    field = speed_field(speed, 300.0)
+    each = jax.vmap(lambda *one: crossing_time(field, *one, rule))(jnp.arange(len(metres)), metres, clock)
+    return each, crossing_times_at(field.speed.T, field.covered.T, 300.0, metres, clock, rule)
+
+
+@pytest.mark.parametrize("rule", CROSSING_RULES)
+@given(
+    hnp.arrays(np.float32, (5, SLOTS), elements=st.floats(1 / 16, 20, width=32)),
+    hnp.arrays(np.float32, 5, elements=metres_long),
+    hnp.arrays(np.float32, 5, elements=st.floats(0, 1.5 * SLOTS * 300.0, allow_subnormal=False, width=32)),
+)
+def test_all_segments_at_once_take_as_long_as_each(
+    rule: CrossingRule, speed: np.ndarray, metres: np.ndarray, clock: np.ndarray
+) -> None:
+    each, together = both_ways(*map(jnp.asarray, (speed, metres, clock)), rule)
+    np.testing.assert_allclose(together, each, rtol=1e-6)
 
 
 @given(speeds, slot_lengths, metres_long, shares)

@@ -72,7 +72,7 @@ def test_help_loads_nothing_heavy():
         capture_output=True,
         text=True,
     ).stdout.split()
-    assert not {"jax", "pandas", "matplotlib", "statsmodels", "equinox", "optax", "rustworkx"} & set(loaded)
+    assert not {"jax", "pandas", "matplotlib", "statsmodels", "equinox", "optax", "scipy"} & set(loaded)
 
 
 def test_compare_prints_the_agreed_shape(sidestep, agreed_row):

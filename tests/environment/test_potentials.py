@@ -1,4 +1,4 @@
-"""Times to go beside rustworkx where nothing changes, beside the exact search where it does, and jams by hand."""
+"""Times to go beside Dijkstra's where nothing changes, beside the exact search where it does, and jams by hand."""
 
 import jax
 import jax.numpy as jnp

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -120,6 +120,33 @@ def test_walking_the_fastest_exits_takes_the_time_foretold(
     assert int(walked.steps[0]) == allowed.sum()
     # The same crossings in the same precision, but compiled into another program.
     assert float(walked.seconds[0]) == pytest.approx(arrival - departure, rel=1e-5, abs=CLOSE["atol"])
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(3, 6))
+@settings(max_examples=25)
+def test_ways_of_many_segments_are_dijkstras(make_params, make_instance, seed: int, crossings_each: int) -> None:
+    # So many nodes that the search goes on from a small part of them at a time, and must get the order right.
+    rng = np.random.default_rng(seed)
+    nodes = 60
+    pairs = rng.integers(nodes, size=(6 * nodes, 2))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]][: crossings_each * nodes // 2]
+    # Those that are left over lead nowhere new: as many segments in every example, so that one program serves them all.
+    pairs = np.concatenate([pairs, np.tile([[0, 1]], (3 * nodes - len(pairs), 1))])
+    length = rng.uniform(10, 300, len(pairs))
+    speed = rng.choice([0.0625, 0.5, 1.0, 4.0], (len(pairs), SLOTS)).astype(np.float32)
+    network = road_network(np.zeros((nodes, 2)), *pairs.T, length, exits=3 * nodes)
+    origin, departure = int(rng.integers(nodes)), float(np.float32(rng.uniform(0, SLOTS * SLOT_SECONDS)))
+    expected = dijkstra(network, speed, origin, departure)
+    found, _ = search(network, jnp.asarray(speed), jnp.int32(origin), jnp.float32(departure))
+    np.testing.assert_allclose(found, expected, **CLOSE)
+    # The search for one destination stops early, and the walk along its exits takes as long.
+    params = make_params(network, speed_field(jnp.asarray(speed), SLOT_SECONDS), horizon=1e6)
+    ends = rng.permutation(np.flatnonzero(np.isfinite(expected)))[:4]
+    todo = make_instance([origin] * 4, np.resize(ends, 4).tolist(), departure)
+    walked = walk_plan(Clairvoyant(), params, Clairvoyant().plan(params, todo), todo, jax.random.key(0))
+    np.testing.assert_allclose(
+        walked.seconds, expected[np.asarray(todo.destination)] - departure, rtol=CLOSE["rtol"], atol=2 * CLOSE["atol"]
+    )
 
 
 def test_unreachable_nodes() -> None:

@@ -1,13 +1,11 @@
 """What walking a segment takes and costs: seconds, metres, and the crowd that is met."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import Crossing, EnvParams, Objective
-from sidestep.travel_time import SpeedField, crossing_time_in, exposure_in
+from sidestep.travel_time import SpeedField, crossing_time_in, crossing_times_at, exposure_in
 
 
 def cross(params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
@@ -60,17 +58,16 @@ def crossings(
     phases
         Whether the phases of lights are known; else they take their mean wait.
     """
-    segments = jnp.arange(params.network.segments)
+    length, segments = params.network.length, jnp.arange(params.network.segments)
     steps = jnp.arange(field.slots * every) * (field.slot_seconds / every)
-    enter = jax.vmap(
-        partial(_crossing, params, slot_seconds=field.slot_seconds),
-        in_axes=(None, None if params.waits is None else 0, 0, 0, None if params.objective is None else 0, 0),
-    )
-    density = None if params.objective is None else field.density
+    speed, covered = field.speed.T, field.covered.T
 
     def at(clock: Float[Array, ""]) -> Crossing:
-        wait = waiting(params, crowd, segments, jnp.full(segments.shape, begins + clock), phases=phases)
-        return enter(clock, wait, field.speed, field.covered, density, params.network.length)
+        come = jnp.full(segments.shape, clock)
+        wait = waiting(params, crowd, segments, begins + come, phases=phases)
+        entered = come if wait is None else come + wait
+        walked = crossing_times_at(speed, covered, field.slot_seconds, length, entered, params.rule)
+        return _met(params, field.density, field.slot_seconds, length, come, walked if wait is None else wait + walked)
 
     return jax.lax.map(at, steps)
 
@@ -116,13 +113,25 @@ def _crossing(
 ) -> Crossing:
     entered = clock if wait is None else clock + wait
     seconds = crossing_time_in(speed, covered, slot_seconds, length, entered, params.rule)
-    seconds = seconds if wait is None else wait + seconds
+    return _met(params, density, slot_seconds, length, clock, seconds if wait is None else wait + seconds)
+
+
+def _met(
+    params: EnvParams,
+    density: Float[Array, "*n slot"] | None,
+    slot_seconds: float,
+    length: Float[Array, "*n"],
+    clock: Float[Array, "*n"],
+    seconds: Float[Array, "*n"],
+) -> Crossing:
+    """What it costs to come to segments at clocks and to leave them so many seconds later."""
     if params.objective is None or density is None:
         return Crossing(seconds, length, seconds)
     # Those who wait stand in the crowd of the street that they are about to walk.
     exposure = exposure_in(density, slot_seconds, clock, clock + seconds)
-    slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, density.shape[0] - 1)
-    return _weighed(params.objective, seconds, length, exposure, density[slot])
+    slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, density.shape[-1] - 1)
+    entered = jnp.take_along_axis(density, slot[..., None], axis=-1)[..., 0]
+    return _weighed(params.objective, seconds, length, exposure, entered)
 
 
 def _weighed(

@@ -100,8 +100,8 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     Raises
     ------
     ModelError
-        A model of another level than asked for, one that learned for another objective, one that remembers the places of
-        another map, or one that knows crowds from sensors where it is to walk without, or the reverse.
+        A model of another level than asked for or for another objective, one that remembers the places of another map,
+        or one that knows crowds from sensors where it is to walk without, or the reverse.
     """
     models = {folder: load_model(folder) for folder in folders}
     bound: set[int] = set()

@@ -20,7 +20,10 @@ from sidestep.environment.potentials import at_clock
 from sidestep.environment.types import EnvParams, Instance, Level, Seen
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
-from sidestep.travel_time import CrossingRule, SpeedField, Speeds, crossing_time
+from sidestep.travel_time import CrossingRule, SpeedField, Speeds, leaving_clock
+
+FEWEST = 8  # nodes that are gone on from at a time
+Leave = Callable[[Int[Array, ""], Float[Array, ""]], Float[Array, ""]]  # segment, clock at its beginning -> at its end
 
 Wait = Callable[[Int[Array, "*n"], Float[Array, "*n"]], Float[Array, "*n"]] | None
 """Seconds before segments that are come to at clocks, whichever are the first to leave being the first that came."""
@@ -36,38 +39,67 @@ def earliest_arrivals(
 ) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
     """Earliest clock at which every node can be reached, and the segment over which it is.
 
-    Label-correcting: all segments at once, again until nothing improves, which takes about as many rounds as the
-    longest fastest way has segments. Unreachable nodes get infinity and segment -1.
+    Unreachable nodes get infinity and segment -1.
     """
-    segments = jnp.arange(network.segments)
-    enter = jax.vmap(partial(crossing_time, field, rule=rule))
+    only = SpeedField(field.speed[None], field.covered[None], field.slot_seconds)
+    return _arrivals(network, _through(network, only, jnp.int32(0), rule, wait), origin, departure)
+
+
+def _through(
+    network: RoadNetwork, speeds: Speeds, crowd: Int[Array, ""], rule: CrossingRule, wait: Wait = None
+) -> Leave:
+    def leave(segment: Int[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
+        entered = clock if wait is None else clock + wait(segment, clock)
+        return leaving_clock(speeds, crowd, segment, network.length[segment], entered, rule)
+
+    return leave
+
+
+def _arrivals(
+    network: RoadNetwork,
+    leave: Leave,
+    origin: Int[Array, ""],
+    departure: Float[Array, ""],
+    destination: Int[Array, ""] | None = None,
+) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
+    """Earliest clocks and the segments that lead there; with a ``destination``, of all that is reached before it.
+
+    Label-correcting: again and again from those few nodes that were reached earliest and not gone on from since.
+    Hardly any has to be gone on from twice, only segments that somebody comes to are worked out, and nobody goes on
+    who is no earlier than the destination is reached already: whatever they improved would be later still.
+    """
+    nodes = network.nodes
+    several = min(max(FEWEST, math.isqrt(nodes) // 2), nodes)
+
+    def limit(arrival: Float[Array, " node"]) -> Float[Array, ""]:
+        return jnp.float32(jnp.inf) if destination is None else arrival[destination]
 
     def improve(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        arrival, via, _ = carry
-        at = arrival[network.tail]
-        # A crossing entered at infinity is not a number, so unreached tails are asked about clock 0 and then put back.
-        reached = jnp.isfinite(at)
-        entered = jnp.where(reached, at, 0.0)
-        entered = entered if wait is None else entered + wait(segments, entered)
-        at = at if wait is None else jnp.where(reached, entered, jnp.inf)
-        there = jnp.where(reached, at + enter(segments, network.length, entered), jnp.inf)
-        earliest = jax.ops.segment_min(there, network.head, network.nodes)
-        winner = jnp.where(there == earliest[network.head], segments, network.segments)
-        by = jax.ops.segment_min(winner, network.head, network.nodes)
-        better = earliest < arrival
-        return jnp.where(better, earliest, arrival), jnp.where(better, by, via), better.any()
+        arrival, via, due = carry
+        earliest, node = jax.lax.top_k(-due, several)
+        clock, due = -earliest, due.at[node].set(jnp.inf)
+        # Nobody can enter at infinity, so those who are not to go on are asked about clock 0 and then put back.
+        goes = clock < limit(arrival)
+        segment = network.exit_segment[node]
+        there = jax.vmap(jax.vmap(leave, (0, None)))(segment, jnp.where(goes, clock, 0.0))
+        there = jnp.where((segment >= 0) & goes[:, None], there, jnp.inf).reshape(-1)
+        segment, head = segment.reshape(-1), network.exit_node[node].reshape(-1)
+        better = (there < arrival[head]) & (there < limit(arrival))
+        arrival = arrival.at[jnp.where(better, head, nodes)].min(there, mode="drop")
+        # Number `nodes` is none: what is set there is dropped.
+        reached = jnp.where(better & (there == arrival[head]), head, nodes)
+        return arrival, via.at[reached].set(segment, mode="drop"), due.at[reached].set(there, mode="drop")
 
-    arrival = jnp.full(network.nodes, jnp.inf).at[origin].set(departure)
-    via = jnp.full(network.nodes, -1)
-    arrival, via, _ = jax.lax.while_loop(lambda carry: carry[2], improve, (arrival, via, jnp.bool_(True)))
+    start = jnp.full(nodes, jnp.inf).at[origin].set(departure)
+    arrival, via, _ = jax.lax.while_loop(
+        lambda carry: (carry[2] < limit(carry[0])).any(), improve, (start, jnp.full(nodes, -1), start)
+    )
     return arrival, via
 
 
-def fastest_exits(
-    network: RoadNetwork, field: SpeedField, instance: Instance, rule: CrossingRule, wait: Wait = None
-) -> Bool[Array, "node exit"]:
+def fastest_exits(network: RoadNetwork, leave: Leave, instance: Instance) -> Bool[Array, "node exit"]:
     """The exits along the fastest way of one walk."""
-    _, via = earliest_arrivals(network, field, instance.origin, instance.departure, rule, wait)
+    _, via = _arrivals(network, leave, instance.origin, instance.departure, instance.destination)
 
     def back(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         node, chosen = carry
@@ -115,13 +147,11 @@ def cheapest_exits(
 @partial(jax.jit, static_argnames="phases")
 def _plan(params: EnvParams, fields: Speeds, instances: Instance, *, phases: bool) -> Bool[Array, "walk node exit"]:
     def one(instance: Instance) -> Bool[Array, "node exit"]:
-        # The only field there is is not copied for every walk.
-        field = fields.of(jnp.int32(0) if fields.count == 1 else instance.crowd % fields.count)
+        which, waits = instance.crowd % fields.count, params.waits
         if params.objective is not None:
-            return cheapest_exits(params, field, instance, phases=phases)
-        waits = params.waits
+            return cheapest_exits(params, fields.of(which), instance, phases=phases)
         wait = None if waits is None else partial(waits.seconds if phases else waits.mean, instance.crowd)
-        return fastest_exits(params.network, field, instance, params.rule, wait)
+        return fastest_exits(params.network, _through(params.network, fields, which, params.rule, wait), instance)
 
     return jax.vmap(one)(instances) if params.objective is None else jax.lax.map(one, instances)
 

@@ -65,19 +65,24 @@ def _apart(scenario: Scenario) -> tuple[Scenario, Objective | None]:
     return replace(scenario, objective=None), scenario.objective
 
 
-@jax.jit
 def put_crowds(params: EnvParams, futures: Futures, first: Int[Array, ""]) -> EnvParams:
     """The environment with some of its futures replaced, from ``first`` on."""
+    crowds, live = _put((params.crowds, params.live), futures, first)
+    return replace(params, crowds=crowds, live=live)
 
+
+@jax.jit
+def _put(before: Futures, futures: Futures, first: Int[Array, ""]) -> Futures:
+    # Not the whole environment: what is known of usual crowds takes gigabytes in large towns, and would be copied.
     def put(old: Array, new: Array) -> Array:
         return jax.lax.dynamic_update_slice_in_dim(old, new, first, 0)
 
-    crowds, live = futures
-    if isinstance(params.crowds, SensedSpeeds) and isinstance(crowds, SensedSpeeds):
-        crowds = replace(params.crowds, density=put(params.crowds.density, crowds.density))
+    (old, old_live), (crowds, live) = before, futures
+    if isinstance(old, SensedSpeeds) and isinstance(crowds, SensedSpeeds):
+        crowds = replace(old, density=put(old.density, crowds.density))
     else:
-        crowds = jax.tree.map(put, params.crowds, crowds)
-    return replace(params, crowds=crowds, live=jax.tree.map(put, params.live, live))
+        crowds = jax.tree.map(put, old, crowds)
+    return crowds, jax.tree.map(put, old_live, live)
 
 
 def _future_key(place: CrowdedMap, purpose: Purpose, part: int) -> Key[Array, ""]:
