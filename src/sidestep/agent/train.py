@@ -38,7 +38,7 @@ from sidestep.scenarios.worlds import (
 )
 
 QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
-WORTH_SECONDS = 3.0
+WORTH_SECONDS, WORTH_SECONDS_LIVE = 3.0, 30.0  # the latter against forecasts from counts, which are nearly exact
 BIN_SECONDS = 900.0  # of what is learned of places
 
 
@@ -289,7 +289,8 @@ def greedy(network: QNetwork) -> Decide:
         sensed = usual is not None and usual.surprise is not None
         if sensed and isinstance(network, SegmentQNetwork) and local is not None and estimate is not None:
             preferred = jnp.argmax(mask(-estimate, observation.valid))
-            value = value.at[preferred].add(WORTH_SECONDS / network.reward_seconds)
+            worth = WORTH_SECONDS if observation.live is None else WORTH_SECONDS_LIVE
+            value = value.at[preferred].add(worth / network.reward_seconds)
             value = jnp.where(local.again, -estimate, value)
         return jnp.argmax(mask(value, observation.valid))
 
