@@ -22,11 +22,12 @@ from sidestep.planners.darp import ModelError, load_planners, trainable
 from sidestep.planners.greedy import GreedyMap
 from sidestep.planners.search import Clairvoyant, Expected
 from sidestep.scenarios import towns
-from sidestep.scenarios.catalogue import GOLDEN, Scenario, ScenarioError, Sensor, Traffic, Venue, scenario
+from sidestep.scenarios.catalogue import Scenario, ScenarioError, Sensor, Traffic, Venue, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.towns import APART, counts_of, stations, town_of
 from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, make_environment, new_crowds, put_crowds, set_out
 from sidestep.travel_time import FREE_SPEED, SensedSpeeds
+from sidestep.waiting import GOLDEN
 
 HELSINKI = scenario("helsinki", horizon=1200.0, departures=(0.0, 300.0))
 VENUE = HELSINKI.venue

@@ -277,7 +277,8 @@ def train(
         f"{summary['updates_per_second']:,.0f} updates/s)"
     )
     print(problem.summary, end="\n" if problem.summary else "")
-    print(f"greedy test walks: {means[0]:.1f} min after the first round, {means[-1]:.1f} after the last, ", end="")  # type: ignore[index]
+    unit = "min" if problem.objective is None else "min of cost"
+    print(f"greedy test walks: {means[0]:.1f} {unit} after the first round, {means[-1]:.1f} after the last, ", end="")  # type: ignore[index]
     print(f"{summary['best_minutes']:.1f} at best" + ("" if out is None else f"; model: {out}"))
 
 
@@ -519,9 +520,14 @@ def trade_off(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Weigh the crowd that is met against time, more and more, and draw what each costs in terms of the other."""
+    """Weigh the crowd that is met against time, more and more, and draw what each costs in terms of the other.
+
+    Walks are those of map 0. What --objective says of exposure gives way to the weights.
+    """
     _at_least("seed", seed, 0)
     _at_least("walks", walks, 1)
+    if out.suffix.lower() != ".png" or out.is_dir():
+        raise SidestepError(f"--out must be a file for a picture, such as trade-off.png, not {out}")
     steps = [_weight(weight) for weight in weights.split(",")]
     _start_jax()
     from sidestep.experiments.figures import save, trade_off_curve
@@ -728,8 +734,8 @@ def _weight(text: str) -> float:
         weight = float(text)
     except ValueError:
         weight = math.nan
-    if not 0 <= weight < math.inf:
-        raise SidestepError(f"--weights must be numbers of 0 or more with commas between, not {text.strip()!r:.40}")
+    if not math.isfinite(weight):
+        raise SidestepError(f"--weights must be numbers with commas between, not {text.strip()!r:.40}")
     return weight
 
 

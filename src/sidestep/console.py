@@ -34,7 +34,7 @@ def show_results(results: "Results") -> None:
         title += f"\n{results['summary']}"
     by, objective = results["by_minutes"], results["objective"]
     if objective is not None:
-        title += f"\ncost: {objective_in_words(objective)}; savings, differences and regrets are of cost"
+        title += f"\ncost in minutes: {objective_in_words(objective)}; savings, differences and regrets are of cost"
     headings = {
         "planner": "planner",
         "knows": "knows",
@@ -62,10 +62,10 @@ def show_results(results: "Results") -> None:
 
 def objective_in_words(objective: "dict[str, float | None]") -> str:
     """Weights of what walkers keep low."""
-    units = {"time": "time", "distance": "s/m of distance", "exposure": "of exposure in person·s/m²"}
-    terms = [f"{weight:g} {units[name]}" for name, weight in objective.items() if name in units and weight]
+    units = {"time": "s", "distance": "m", "exposure": "person·s/m² met"}
+    terms = [f"{weight:g} x {units[name]}" for name, weight in objective.items() if name in units and weight]
     most = objective["max_density"]
-    return " + ".join(terms) + ("" if most is None else f", no street above {most:g} persons/m²")
+    return " + ".join(terms) + ("" if most is None else f", avoiding streets above {most:g} persons/m²")
 
 
 def show_walk(walk: "PlannedWalk") -> None:
@@ -88,14 +88,14 @@ def show_walk(walk: "PlannedWalk") -> None:
 
 def show_trade_off(found: "TradeOffJson") -> None:
     """Print a trade-off between time and exposure as a table."""
-    title = f"{found['scenario']}: {found['walks']} walks for each weight of exposure, seed {found['seed']}"
+    title = f"{found['scenario']}, map 0: {found['walks']} walks for each weight of exposure, seed {found['seed']}"
     columns = ("planner", ">weight", ">minutes", ">person·s/m² met", ">metres", ">arrive")
     table = _table(*columns, title=f"{title}\n{found['summary']}" if found["summary"] else title)
-    rows = [(name, f"{point['weight']:g}", point) for name, points in found["curves"].items() for point in points]
-    for name, weight, point in (("shortest-path", "", found["shortest_path"]), *rows):
+    rows = [(name, point) for name, points in found["curves"].items() for point in points]
+    for name, point in (("shortest-path", found["shortest_path"]), *rows):
         table.add_row(
             name,
-            weight,
+            "" if point["weight"] is None else f"{point['weight']:g}",
             f"{point['minutes']:.2f}",
             f"{point['exposure']:,.0f}",
             f"{point['metres']:,.0f}",
@@ -129,6 +129,8 @@ def show_journey(walk: "JourneyJson") -> None:
         f"{walk['metres']:,.0f} m, {walk['expected_minutes']:.1f} min{end_of}; crowds on the way: {walk['crowding']}, "
         f"{walk['mean_density']:.2f} persons/m², {walk['exposure']:,.0f} person·s/m² met"
     )
+    if walk["too_dense"]:
+        print(f"{walk['too_dense']} of its streets are entered above the density that nobody should enter.")
     print(
         f"In {walk['futures']} simulated future{'s' * (walk['futures'] > 1)}: median {walk['median_minutes']:.1f} min, "
         f"90 % within {walk['p90_minutes']:.1f} min, {100 * walk['arrival_rate']:.1f} % arrive"

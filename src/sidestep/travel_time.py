@@ -107,14 +107,15 @@ class SpeedField(eqx.Module):
 
     def density_at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Densities in persons/m² on segments in a slot of one of the crowds."""
-        return self._known[crowd, segment, slot]
+        return self.known_density[crowd, segment, slot]
 
     def densities(self, crowd: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
         """One segment's densities in persons/m² in one of the crowds."""
-        return self._known[crowd, segment]
+        return self.known_density[crowd, segment]
 
     @property
-    def _known(self) -> Float[Array, "crowd segment slot"]:
+    def known_density(self) -> Float[Array, "*crowd segment slot"]:
+        """Densities in persons/m² that have to be there."""
         if self.density is None:
             raise ValueError("these speeds were made without their densities")
         return self.density

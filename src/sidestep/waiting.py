@@ -1,7 +1,7 @@
 """Waiting before streets that cross traffic: at lights, and for gaps between vehicles.
 
 Whoever comes later never leaves earlier (FIFO): at a light everybody who waits leaves as it turns green, and the wait
-for a gap changes by far less than a second from one second to the next.
+for a gap changes by less than a second from one second to the next.
 """
 
 import math
@@ -16,10 +16,10 @@ GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, less their whole part, sprea
 _CALM = 1e-6  # vehicles/s, fewer are none
 
 
-def gap_delay(vehicles: Float[Array, "*n"], gap: float) -> Float[Array, "*n"]:
+def gap_delay(vehicles: Float[Array, "*n"], critical_gap: float) -> Float[Array, "*n"]:
     """Mean wait in s for a gap of so many s between vehicles that come at random, so many a second (Adams 1936)."""
     rate = jnp.maximum(vehicles, _CALM)
-    return (jnp.expm1(rate * gap) - rate * gap) / rate
+    return (jnp.expm1(rate * critical_gap) - rate * critical_gap) / rate
 
 
 class Waits(eqx.Module):
@@ -32,35 +32,44 @@ class Waits(eqx.Module):
     """
 
     lights: Float[Array, " segment"]  # crossings with lights on each segment
-    others: Float[Array, " segment"]  # crossings of traffic without lights
+    unsignalised: Float[Array, " segment"]  # crossings of traffic without lights
     offset: Float[Array, " segment"]  # s: for crowd 0 the first light turns green at this clock and every `cycle` later
     vehicles: Float[Array, "24"]  # vehicles/s on each street that is crossed without lights, by hour of the day
     start: Float[Array, " world"]  # hour of the week at clock 0; crowd number c has number c modulo their count
     cycle: float = eqx.field(static=True)  # s
     green: float = eqx.field(static=True)  # s of each cycle
-    gap: float = eqx.field(static=True)  # s between vehicles that walkers need
+    critical_gap: float = eqx.field(static=True)  # s between vehicles that walkers need
+    phases: bool = eqx.field(static=True, default=True)  # whether lights have any; else all wait as long as in the mean
 
     def seconds(
         self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
     ) -> Float[Array, "*n"]:
         """Wait in s of those who come to segments at clocks, in one of the crowds."""
+        if not self.phases:
+            return self.mean(crowd, segment, clock)
         turn = jnp.mod(crowd * GOLDEN, 1.0) * self.cycle
         phase = jnp.mod(clock - turn - self.offset[segment], self.cycle)
         red = jnp.where(phase < self.green, 0.0, self.cycle - phase)
         lights = self.lights[segment]
         first = jnp.minimum(lights, 1.0)
-        return first * red + (lights - first) * self.mean_red + self.others[segment] * self._delay(crowd, clock)
+        return first * red + (lights - first) * self.mean_red + self.unsignalised[segment] * self._delay(crowd, clock)
 
     def mean(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The same for those who do not know the phases of lights."""
-        return self.lights[segment] * self.mean_red + self.others[segment] * self._delay(crowd, clock)
+        return self.lights[segment] * self.mean_red + self.unsignalised[segment] * self._delay(crowd, clock)
+
+    def before(
+        self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"], *, phases: bool
+    ) -> Float[Array, "*n"]:
+        """The wait of those who know the phases of lights, or of those who do not."""
+        return (self.seconds if phases else self.mean)(crowd, segment, clock)
 
     def on(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "Waits":
         """The same on pieces of the segments; only the first piece of each has something to wait for."""
         return replace(
             self,
             lights=self.lights[parent] * first,
-            others=self.others[parent] * first,
+            unsignalised=self.unsignalised[parent] * first,
             offset=self.offset[parent],
         )
 
@@ -75,4 +84,4 @@ class Waits(eqx.Module):
         before = jnp.floor(hour)
         part, before = hour - before, before.astype(jnp.int32)
         rate = (1 - part) * self.vehicles[before % DAY_HOURS] + part * self.vehicles[(before + 1) % DAY_HOURS]
-        return gap_delay(rate, self.gap)
+        return gap_delay(rate, self.critical_gap)

@@ -78,7 +78,7 @@ class TrainState(eqx.Module):
 class RoundReport(eqx.Module):
     """What a round looked like."""
 
-    test_minutes: Float[Array, " test"]  # travel time of the greedy test walks; the horizon if they do not arrive
+    test_minutes: Float[Array, " test"]  # travel time, or cost, of the greedy test walks; the horizon if not arrived
     test_arrived: Bool[Array, " test"]
     loss: Float[Array, ""]  # mean over the round, reward²
 
@@ -260,7 +260,7 @@ def train_round(
     state = eqx.tree_at(lambda s: s.key, state, key)
     state, losses = jax.lax.scan(partial(_iterate, config, params, sampler), state, draws)
     tested = jax.vmap(lambda test: walk(params, greedy(state.network), test, key))(tests)
-    minutes = tested.seconds / 60
+    minutes = tested.cost / 60
     better = jnp.mean(minutes) <= state.best_minutes
     best = jax.tree.map(partial(jnp.where, better), state.network, state.best)
     state = eqx.tree_at(

@@ -28,7 +28,7 @@ def cross_in(
     phases: bool,
 ) -> Crossing:
     """The same in a field without alternatives, with or without knowing the phases of lights."""
-    density = None if params.objective is None or field.density is None else field.density[segment]
+    density = None if params.objective is None else field.known_density[segment]
     wait = waiting(params, crowd, segment, clock, phases=phases)
     length = params.network.length[segment]
     return _crossing(
@@ -61,13 +61,14 @@ def crossings(
     length, segments = params.network.length, jnp.arange(params.network.segments)
     steps = jnp.arange(field.slots * every) * (field.slot_seconds / every)
     speed, covered = field.speed.T, field.covered.T
+    density = None if params.objective is None else field.known_density
 
     def at(clock: Float[Array, ""]) -> Crossing:
         come = jnp.full(segments.shape, clock)
         wait = waiting(params, crowd, segments, begins + come, phases=phases)
         entered = come if wait is None else come + wait
         walked = crossing_times_at(speed, covered, field.slot_seconds, length, entered, params.rule)
-        return _met(params, field.density, field.slot_seconds, length, come, walked if wait is None else wait + walked)
+        return _met(params, density, field.slot_seconds, length, come, walked if wait is None else wait + walked)
 
     return jax.lax.map(at, steps)
 
@@ -83,7 +84,7 @@ def waiting(
     """Wait in s before segments, if there is anything to wait for."""
     if params.waits is None:
         return None
-    return (params.waits.seconds if phases else params.waits.mean)(crowd, segment, clock)
+    return params.waits.before(crowd, segment, clock, phases=phases)
 
 
 def standing(
@@ -96,7 +97,7 @@ def standing(
     """Segments walked if their crowds stayed as they are."""
     seconds = length / speed
     seconds = seconds if wait is None else wait + seconds
-    if params.objective is None or density is None:
+    if params.objective is None or density is None:  # which are both or neither
         return Crossing(seconds, length, seconds)
     return _weighed(params.objective, seconds, length, density * seconds, density)
 
@@ -125,7 +126,7 @@ def _met(
     seconds: Float[Array, "*n"],
 ) -> Crossing:
     """What it costs to come to segments at clocks and to leave them so many seconds later."""
-    if params.objective is None or density is None:
+    if params.objective is None or density is None:  # which are both or neither
         return Crossing(seconds, length, seconds)
     # Those who wait stand in the crowd of the street that they are about to walk.
     exposure = exposure_in(density, slot_seconds, clock, clock + seconds)

@@ -13,7 +13,7 @@ from sidestep.network.graph import ABSENT
 
 def reset(params: EnvParams, instance: Instance) -> tuple[EnvState, Observation]:
     """Put a walker at its origin at its departure."""
-    state = EnvState(instance.origin, instance.departure, instance, jnp.full(TRAIL, ABSENT, jnp.int32))
+    state = EnvState(instance.origin, instance.departure, instance, jnp.full(TRAIL, ABSENT, jnp.int32), jnp.int32(0))
     return state, observe(params, state)
 
 
@@ -29,7 +29,7 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
     segment, node = network.exit_segment[state.node, way], network.exit_node[state.node, way]
     crossed = cross(params, state.instance.crowd, segment, state.clock)
     trail = jnp.concatenate([state.node[None], state.trail[:-1]])
-    after = EnvState(node, state.clock + crossed.seconds, state.instance, trail)
+    after = EnvState(node, state.clock + crossed.seconds, state.instance, trail, state.steps + 1)
     if params.objective is None:  # time is what the clock says, rounding included
         crossed = replace(crossed, cost=after.clock - state.clock)
     arrived = node == state.instance.destination

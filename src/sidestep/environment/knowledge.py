@@ -67,7 +67,7 @@ def field_to_go(
         Whether the phases of lights are known.
     """
     crossed = crossings(params, field, crowd, every=every, phases=phases)
-    density = None if field.density is None else field.density[:, -1]
+    density = None if params.objective is None else field.known_density[:, -1]
     last = unchanging_from(params, field.speed[:, -1], density, crowd, (field.slots - 1) * field.slot_seconds, goal)
     return cost_to_go(params.network, crossed.seconds, crossed.cost, field.slot_seconds / every, goal, last)
 
@@ -137,11 +137,17 @@ def _forecast(
     goal: Bool[Array, " node"],
     usual: Float[Array, "slot node"],
 ) -> Float[Array, "2 segment"]:
-    """Cost to the goal over each segment, entered as the slot begins and as it ends."""
+    """Cost to the goal over each segment, entered as the slot begins and as it ends.
+
+    What it costs to enter a segment that is too dense is left out: that is seen there, and no matter of interpolation.
+    """
     network, slot_seconds = params.network, field.slot_seconds
     crossed = crossings(params, field, crowd, begins=slot * slot_seconds)
     later = usual[jnp.minimum(slot + field.slots, usual.shape[0] - 1)]
     table = cost_to_go(network, crossed.seconds, crossed.cost, slot_seconds, goal, later)
     table = jnp.concatenate([table, later[None]])
     over = jax.vmap(partial(at_clock, table, slot_seconds, node=network.head))
-    return crossed.cost[:2] + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + crossed.seconds[:2])
+    first = crossed.cost[:2]
+    if params.objective is not None and crossed.too_dense is not None:
+        first -= params.objective.penalty * crossed.too_dense[:2]
+    return first + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + crossed.seconds[:2])

@@ -8,7 +8,6 @@ from jaxtyping import Array, Float, Int
 from sidestep.environment.costs import standing, waiting
 from sidestep.environment.potentials import at_clock
 from sidestep.environment.types import (
-    FORBIDDEN,
     TRAIL,
     Crossing,
     EnvParams,
@@ -32,7 +31,7 @@ def observe(params: EnvParams, state: EnvState) -> Observation:
 def observe_position(params: EnvParams, state: EnvState) -> Observation:
     """Level ``position``, the paper's: where the walker is, and which exits there are."""
     network = params.network
-    return Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0)
+    return Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0, state.steps)
 
 
 def observe_local(params: EnvParams, state: EnvState) -> Observation:
@@ -62,7 +61,9 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
     metres = jnp.linalg.norm(local.onward, axis=1)
     # Nobody is met on streets that are not seen.
     empty = standing(params, metres, jnp.full_like(metres, FREE_SPEED), jnp.zeros_like(metres), None)
-    return replace(observe_position(params, state), local=local, estimate=local.cost + empty.cost)
+    return replace(
+        observe_position(params, state), local=local, estimate=local.cost + empty.cost + _turning_back(params, local)
+    )
 
 
 def observe_map(params: EnvParams, state: EnvState) -> Observation:
@@ -86,7 +87,7 @@ def observe_map(params: EnvParams, state: EnvState) -> Observation:
     crowds, expected = params.crowds, params.expected
     if not (isinstance(crowds, SensedSpeeds) and isinstance(expected, SensedSpeeds)) or known.heavier is None:
         usual = Usual(usually_now.cost, to_go(known.table, local.crossing))
-        return replace(seen, usual=usual, estimate=local.cost + usual.to_go)
+        return replace(seen, usual=usual, estimate=local.cost + usual.to_go + _turning_back(params, local))
     # What is seen here is seen on the streets beyond as well. Taken for this street's alone, it would send walkers
     # round the next corner, from where the way back is the fastest: then they would go to and fro.
     density = crowds.density_at(state.instance.crowd, segment, slot)
@@ -99,10 +100,10 @@ def observe_map(params: EnvParams, state: EnvState) -> Observation:
         heavier=to_go(known.heavier, crossing) - to_go(known.table, crossing),
     )
     estimate = usually_now.cost + usual.to_go
-    if params.objective is not None:  # but nobody enters where it is seen to be too dense
-        more = params.objective.too_dense(density) - params.objective.too_dense(usually)
-        estimate += FORBIDDEN * jnp.maximum(more, 0.0)
-    return replace(seen, usual=usual, estimate=estimate)
+    if params.objective is not None:  # but whether it is too dense to enter is seen
+        seen_to_be = params.objective.too_dense(density) - params.objective.too_dense(usually)
+        estimate += params.objective.penalty * seen_to_be
+    return replace(seen, usual=usual, estimate=estimate + _turning_back(params, local))
 
 
 def observe_live(params: EnvParams, state: EnvState) -> Observation:
@@ -119,11 +120,17 @@ def observe_live(params: EnvParams, state: EnvState) -> Observation:
     segment = params.network.exit_segment[state.node]
     begin, end = known.forecast[crowd, slot, 0, segment], known.forecast[crowd, slot, 1, segment]
     forecast = (1 - part) * begin + part * end
+    density, objective = None, params.objective
+    if objective is not None:  # whether it is too dense to enter is seen as well
+        density = params.crowds.density_at(crowd, segment, slot)
+        forecast += objective.penalty * objective.too_dense(density)
     if params.waits is not None:
         # The forecast is worked out for lights at their mean wait; from here they are seen.
         clock = jnp.full(segment.shape, state.clock)
-        seen_wait = params.waits.seconds(crowd, segment, clock) - params.waits.mean(crowd, segment, clock)
-        forecast += seen_wait if params.objective is None else params.objective.time * seen_wait
+        more = params.waits.seconds(crowd, segment, clock) - params.waits.mean(crowd, segment, clock)
+        if objective is not None and density is not None:
+            more *= objective.time + objective.exposure * density
+        forecast += more
     live = Live(snapshot=local.cost + known.snapshot[crowd, slot, local.onto], forecast=forecast)
     return replace(seen, live=live, estimate=live.forecast)
 
@@ -135,6 +142,16 @@ def _seen_now(params: EnvParams, state: EnvState, crowds: Speeds, crowd: Int[Arr
     clock = jnp.full(segment.shape, state.clock)
     wait = waiting(params, state.instance.crowd, segment, clock, phases=True)
     return standing(params, params.network.length[segment], crowds.at(crowd, segment, slot), density, wait)
+
+
+def _turning_back(params: EnvParams, local: Local) -> Float[Array, " exit"] | float:
+    """Cost of going back to a crossing that is remembered, where there is a density that nobody should enter.
+
+    Whoever turns away from a street that is seen to be too dense would else be led back to it by the next estimate.
+    """
+    if params.objective is None or params.objective.max_density is None:
+        return 0.0
+    return params.objective.penalty * (local.left <= TRAIL)
 
 
 _OBSERVE = {"position": observe_position, "local": observe_local, "map": observe_map, "live": observe_live}

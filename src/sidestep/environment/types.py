@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.flow.field import Field, SensedField
 from sidestep.network.graph import RoadNetwork
-from sidestep.travel_time import CrossingRule, SensedSpeeds, SpeedField, SpeedLaw, Speeds, speed_field
+from sidestep.travel_time import FREE_SPEED, CrossingRule, SensedSpeeds, SpeedField, SpeedLaw, Speeds, speed_field
 from sidestep.waiting import Waits
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
@@ -24,13 +24,14 @@ class RewardWeights(eqx.Module):
     bonus: float = eqx.field(static=True, default=1.0)
 
 
-FORBIDDEN = 3600.0  # s that entering a street costs where nobody should; walkers without another way do
+FORBIDDEN = 3600.0  # s; entering where nobody should costs as much as that long a walk; walkers without other ways do
 
 
 class Objective(eqx.Module):
     """What walkers keep low: a weighted sum of time, distance and the crowd that they meet.
 
-    Its unit is a second. Entering a segment whose density is above the maximum costs ``FORBIDDEN`` more.
+    Its unit is a second. Entering a segment whose density is above the maximum costs as much more as walking for
+    ``FORBIDDEN`` seconds in a crowd of that density.
     """
 
     time: float | Float[Array, ""] = 1.0  # for each second
@@ -47,7 +48,13 @@ class Objective(eqx.Module):
     ) -> Float[Array, "*n"]:
         """Cost of segments that are entered at a density."""
         cost = self.time * seconds + self.distance * metres + self.exposure * exposure
-        return cost + FORBIDDEN * self.too_dense(density)
+        return cost + self.penalty * self.too_dense(density)
+
+    @property
+    def penalty(self) -> float | Float[Array, ""]:
+        """Cost of entering where it is too dense."""
+        dense = 0.0 if self.max_density is None else self.max_density
+        return FORBIDDEN * (self.time + self.distance * FREE_SPEED + self.exposure * dense)
 
     def too_dense(self, density: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """1 where nobody should enter, elsewhere 0."""
@@ -110,6 +117,7 @@ class EnvState(eqx.Module):
     clock: Float[Array, ""]  # s since the scenario's start
     instance: Instance
     trail: Int[Array, " trail"]  # nodes that were left before, the latest first; -1 before the origin
+    steps: Int[Array, ""]  # crossings left so far
 
 
 class Local(eqx.Module):
@@ -153,6 +161,7 @@ class Observation(eqx.Module):
     node: Int[Array, ""]
     position: Float[Array, "2"]  # x, y in metres
     valid: Bool[Array, " exit"]  # which exits exist
+    steps: Int[Array, ""]  # crossings left so far
     # level local
     local: Local | None = None
     # level map

@@ -33,6 +33,7 @@ class Walk(eqx.Module):
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
     tally: Crossing | None  # the sum of all crossings; None where time is all that counts
+    cost: Float[Array, ""]  # by the objective; a walk that did not arrive costs the horizon more
     nodes: Int[Array, " trace"]
     clocks: Float[Array, " trace"]
 
@@ -64,4 +65,5 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
     )
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
     seconds = jnp.where(arrived, jnp.minimum(end.clock - instance.departure, params.horizon), params.horizon)
-    return Walk(seconds, arrived, steps, tally, nodes, clocks)
+    cost = seconds if tally is None else tally.cost + jnp.where(arrived, 0.0, params.horizon)
+    return Walk(seconds, arrived, steps, tally, cost, nodes, clocks)

@@ -236,7 +236,7 @@ def tally_of(walked: Walk) -> Tally | None:
     if tally is None:
         return None
     cost, exposure, metres, too_dense = (
-        np.asarray(each, np.float64) for each in (tally.cost, tally.exposure, tally.metres, tally.too_dense)
+        np.asarray(each, np.float64) for each in (walked.cost, tally.exposure, tally.metres, tally.too_dense)
     )
     return Tally(cost / 60, exposure, metres, too_dense)
 

@@ -38,6 +38,8 @@ class Leg:
     minutes: float
     entered: float  # minutes after the departure
     density: float  # persons/m² that are expected on it
+    exposure: float  # crowd met, person·s/m²
+    too_dense: bool  # whether it is entered above the maximum density
     course: Float[np.ndarray, "point 2"]  # longitude and latitude in the direction of walking
 
     @property

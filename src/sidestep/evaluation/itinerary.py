@@ -77,6 +77,7 @@ class JourneyJson(TypedDict):
     arrives: bool
     mean_density: float
     exposure: float  # crowd met, person·s/m²
+    too_dense: int  # streets entered above the maximum density
     crowding: str
     futures: int
     median_minutes: float
@@ -133,7 +134,8 @@ def itinerary(journey: Journey, by: float | None = None) -> JourneyJson:
         "expected_minutes": journey.route.seconds / 60,
         "arrives": journey.route.arrived,
         "mean_density": density,
-        "exposure": sum(60 * leg.minutes * leg.density for leg in journey.legs),
+        "exposure": sum(leg.exposure for leg in journey.legs),
+        "too_dense": sum(leg.too_dense for leg in journey.legs),
         "crowding": crowding_word(density),
         "futures": len(journey.minutes),
         "median_minutes": found["median_minutes"],

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
 from sidestep.environment.costs import cross
-from sidestep.environment.types import EnvParams, Instance
+from sidestep.environment.types import EnvParams, Instance, Objective
 from sidestep.environment.walk import Walk
 from sidestep.evaluation.directions import Leg
 from sidestep.evaluation.foresight import RouteError, whole_route
@@ -109,7 +109,7 @@ class _World:
     key: Key[Array, ""]
 
     def expected_route(self, planner: Planner) -> Route:
-        once, alone = self._instances(1), replace(self.params, crowds=self.params.expected)
+        once, alone = self._instances(1), replace(unlit(self.params), crowds=self.params.expected)
         if planner.sees != "live":
             return whole_route(planner, alone, once, self.key)
         slots = _FIRST_SLOTS
@@ -158,6 +158,11 @@ class _World:
         )
 
 
+def unlit(params: EnvParams) -> EnvParams:
+    """The same with lights at their mean wait, as somebody expects them who does not know their phases."""
+    return params if params.waits is None else replace(params, waits=replace(params.waits, phases=False))
+
+
 _FIRST_SLOTS = 4  # for which counts are shown; doubled until everybody has arrived within them
 
 
@@ -167,10 +172,11 @@ def _legs(streets: Spliced, params: EnvParams, expected: SensedSpeeds, route: Ro
     sensed, near, weight = (
         np.asarray(part) for part in (expected.density[0], expected.spread.sensor, expected.spread.weight)
     )
-    alone = replace(params, crowds=expected)
+    alone = replace(unlit(params), crowds=expected, objective=params.objective or Objective())
 
     def one(here: int, there: int, before: float, after: float) -> Leg:
         segment = _segment(alone, here, there, before, after)
+        crossed = cross(alone, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
         slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
         street = int(streets.street[segment])
         return Leg(
@@ -181,6 +187,8 @@ def _legs(streets: Spliced, params: EnvParams, expected: SensedSpeeds, route: Ro
             minutes=(after - before) / 60,
             entered=(before - route.clocks[0]) / 60,
             density=float(weight[segment] @ sensed[slot, near[segment]]),
+            exposure=float(jnp.asarray(crossed.exposure)),
+            too_dense=bool(crossed.too_dense),
             course=streets.course(segment),
         )
 

@@ -18,8 +18,8 @@ _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _NEVER = "\ufffe\uffff"  # no characters, says XML
 _ODBL = "https://opendatacommons.org/licenses/odbl/1-0/"
 _ROUTE_MEMBERS = (
-    "scenario", "planner", "level", "departure", "departs", "metres", "expected_minutes", "arrives", "mean_density",
-    "crowding", "futures", "median_minutes", "p90_minutes", "arrival_rate", "by_minutes", "arrive_by", "others",
+    "scenario", "objective", "planner", "level", "departure", "departs", "metres", "expected_minutes", "arrives",
+    "mean_density", "exposure", "too_dense", "crowding", "futures", "median_minutes", "p90_minutes", "arrival_rate", "by_minutes", "arrive_by", "others",
 )  # fmt: skip
 
 

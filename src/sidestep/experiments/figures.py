@@ -211,8 +211,8 @@ def trade_off_curve(found: TradeOff) -> Figure:
     axes.legend(frameon=False)
     shortest = found.shortest_path
     axes.set_title(
-        f"{found.scenario.name}: means of {found.walks} walks, seed {found.seed}; the numbers are weights of exposure\n"
-        f"off the picture: shortest-path, {shortest['minutes']:.1f} min and {shortest['exposure']:,.0f} person·s/m²",
+        f"{found.scenario.name}, map 0: means of {found.walks} walks, seed {found.seed}; numbers are weights of exposure\n"
+        f"shortest-path: {shortest['minutes']:.1f} min and {shortest['exposure']:,.0f} person·s/m²",
         loc="left",
         fontsize=10,
         color=INK,

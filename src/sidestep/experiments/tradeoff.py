@@ -21,7 +21,7 @@ CURVES = (RIVAL, BOUND)
 class Point(TypedDict):
     """Means of the walks of one planner with one weight."""
 
-    weight: float  # s for each person·s/m²
+    weight: float | None  # s for each person·s/m²; None where it makes no difference
     minutes: float
     exposure: float  # person·s/m²
     metres: float
@@ -83,26 +83,29 @@ def trade_off(
     Raises
     ------
     SidestepError
-        Planners that are not known or learn, weights that are negative or come twice.
+        Planners that are not known or learn, weights that cannot be or come twice.
     """
     names = list(dict.fromkeys(planners))
-    if not weights or min(weights) < 0 or len(set(weights)) < len(weights):
-        raise SidestepError(f"weights of exposure must be numbers of 0 or more, all different, not {list(weights)}")
-    chosen = choose(names, {**BASELINES, **REPLANNING})
+    if len(set(weights)) < len(weights):
+        raise SidestepError(
+            f"weights of exposure must all be different, not {', '.join(f'{one:g}' for one in weights)}"
+        )
+    every = choose(names, {**BASELINES, **REPLANNING})
+    chosen = {name: factory for name, factory in every.items() if name in (*names, REFERENCE)}
+    base = scenario.objective or Objective()
+    problems = {weight: replace(scenario, objective=replace(base, exposure=weight)) for weight in sorted(weights)}
     curves: dict[str, list[Point]] = {name: [] for name in names}
-    shortest = None
-    for weight in sorted(weights):
-        objective = replace(scenario.objective or Objective(), exposure=weight)
-        records = compare(replace(scenario, objective=objective), chosen, maps=[0], walks=walks, seed=seed).records
+    shortest: list[Point] = []
+    for weight, problem in problems.items():
+        records = compare(problem, chosen, maps=[0], walks=walks, seed=seed).records
         for name in names:
             curves[name].append(_point(weight, records[name]))
-        shortest = _point(weight, records[REFERENCE])
+        shortest.append(_point(None, records[REFERENCE]))
         on_weight(weight)
-    assert shortest is not None  # noqa: S101 # there is a weight
-    return TradeOff(scenario, walks, seed, curves, shortest)
+    return TradeOff(scenario, walks, seed, curves, shortest[0])
 
 
-def _point(weight: float, record: Record) -> Point:
+def _point(weight: float | None, record: Record) -> Point:
     tally = record.tally
     assert tally is not None  # noqa: S101 # there is an objective
     return {

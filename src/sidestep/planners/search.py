@@ -12,12 +12,12 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.environment.costs import cross_in
 from sidestep.environment.knowledge import field_to_go
 from sidestep.environment.potentials import at_clock
-from sidestep.environment.types import EnvParams, Instance, Level, Seen
+from sidestep.environment.types import EnvParams, Instance, Level, Observation, Seen
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 from sidestep.travel_time import CrossingRule, SpeedField, Speeds, leaving_clock
@@ -111,49 +111,59 @@ def fastest_exits(network: RoadNetwork, leave: Leave, instance: Instance) -> Boo
 
 
 STEP, STEP_OF_LIGHTS = 60.0, 15.0  # s; the latter where their phases are known
+LEAST_STEPS = 1_000  # of a plan, which may walk to and fro for a while
 
 
-def cheapest_exits(
-    params: EnvParams, field: SpeedField, instance: Instance, *, phases: bool
-) -> Bool[Array, "node exit"]:
-    """The exits along the way of one walk that costs least, by the environment's objective.
+def cheapest_way(params: EnvParams, field: SpeedField, instance: Instance, *, phases: bool) -> Int[Array, " step"]:
+    """The exits, one after the other, of the walk that costs least by the environment's objective.
 
-    Costs, unlike arrivals, obey no principle of the earliest: it may pay to arrive later. So they are worked out
-    backwards, for every ``STEP`` seconds, and taken to be linear in between: exact but for that.
+    Costs, unlike arrivals, obey no principle of the earliest: it may pay to arrive later, and even to walk to and fro
+    until a crowd is gone. So they are worked out backwards, for every ``STEP`` seconds, and taken to be linear in
+    between: exact but for that.
     """
     network, crowd = params.network, instance.crowd
     goal = jnp.arange(network.nodes) == instance.destination
     step = STEP_OF_LIGHTS if phases and params.waits is not None else STEP
     every = math.ceil(field.slot_seconds / step)
     table = field_to_go(params, field, crowd, goal, every=every, phases=phases)
+    longest = max(4 * network.nodes, LEAST_STEPS)
 
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        node, clock, chosen, steps = carry
+        node, clock, way, steps = carry
         onto, segment = network.exit_node[node], network.exit_segment[node]
         ahead = jax.vmap(lambda one: cross_in(params, field, crowd, one, clock, phases=phases))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
-        best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf))
-        # Where a way comes back to a crossing, what is done there the last time is what is remembered.
-        here = jnp.zeros(network.exits, bool).at[best].set(True)
-        return onto[best], clock + ahead.seconds[best], chosen.at[node].set(here), steps + 1
+        best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
+        return onto[best], clock + ahead.seconds[best], way.at[steps].set(best), steps + 1
 
-    start = (instance.origin, instance.departure, jnp.zeros((network.nodes, network.exits), bool), jnp.int32(0))
-    *_, chosen, _ = jax.lax.while_loop(
-        lambda carry: (carry[0] != instance.destination) & (carry[3] < 4 * network.nodes), onward, start
+    start = (instance.origin, instance.departure, jnp.zeros(longest, jnp.int32), jnp.int32(0))
+    *_, way, _ = jax.lax.while_loop(
+        lambda carry: (carry[0] != instance.destination) & (carry[3] < longest), onward, start
     )
-    return chosen
+    return way
 
 
 @partial(jax.jit, static_argnames="phases")
-def _plan(params: EnvParams, fields: Speeds, instances: Instance, *, phases: bool) -> Bool[Array, "walk node exit"]:
-    def one(instance: Instance) -> Bool[Array, "node exit"]:
+def _plan(
+    params: EnvParams, fields: Speeds, instances: Instance, *, phases: bool
+) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
+    def one(instance: Instance) -> Bool[Array, "node exit"] | Int[Array, " step"]:
         which, waits = instance.crowd % fields.count, params.waits
         if params.objective is not None:
-            return cheapest_exits(params, fields.of(which), instance, phases=phases)
-        wait = None if waits is None else partial(waits.seconds if phases else waits.mean, instance.crowd)
+            return cheapest_way(params, fields.of(which), instance, phases=phases)
+        wait = None if waits is None else partial(waits.before, instance.crowd, phases=phases)
         return fastest_exits(params.network, _through(params.network, fields, which, params.rule, wait), instance)
 
     return jax.vmap(one)(instances) if params.objective is None else jax.lax.map(one, instances)
+
+
+def keep_to_plan(
+    shared: None, own: Bool[Array, "node exit"] | Int[Array, " step"], observation: Observation, key: Key[Array, ""]
+) -> Int[Array, ""]:
+    """Take the exit that was planned for this crossing; where time is not all that counts, for this step."""
+    if own.ndim == 1:
+        return own[jnp.minimum(observation.steps, own.shape[0] - 1)]
+    return choose_allowed(shared, own, observation, key)
 
 
 class Expected:
@@ -162,7 +172,7 @@ class Expected:
     name: ClassVar[str] = "expected"
     level: ClassVar[Level] = "map"
     sees: ClassVar[Seen] = "position"
-    decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
+    decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
         return Plan(None, _plan(params, params.expected, instances, phases=False))
@@ -174,7 +184,7 @@ class Clairvoyant:
     name: ClassVar[str] = "clairvoyant"
     level: ClassVar[Level] = "hindsight"
     sees: ClassVar[Seen] = "position"
-    decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
+    decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
         return Plan(None, _plan(params, params.crowds, instances, phases=True))

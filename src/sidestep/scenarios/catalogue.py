@@ -65,25 +65,32 @@ class Traffic:
 
     cycle: float = 90.0  # s from one green to the next, of all lights
     green: float = 30.0  # s of each cycle in which walkers may go
-    offsets: int = 0  # seed that draws when in its cycle each light turns green
+    seed: int = 0  # draws the offset of each light: when in the cycle it turns green
     vehicles: float = 500.0  # an hour on each street crossed without lights, in the busiest hour of the day
-    gap: float = 8.0  # s between two vehicles in which walkers cross
+    critical_gap: float = 8.0  # s between two vehicles in which walkers cross
 
     def __post_init__(self) -> None:
         if not 0 < self.cycle <= LONGEST_CYCLE:
             raise ScenarioError(f"cycle must be seconds above 0 and up to {LONGEST_CYCLE:g}, not {self.cycle:g}")
         if not 0 < self.green <= self.cycle:
             raise ScenarioError(f"green must be seconds of the {self.cycle:g} of a cycle, not {self.green:g}")
-        if self.offsets < 0:
-            raise ScenarioError(f"offsets must be a seed of 0 or more, not {self.offsets}")
-        if not 0 <= self.vehicles <= MOST_VEHICLES:
-            raise ScenarioError(f"vehicles must be between 0 and {MOST_VEHICLES:,} an hour, not {self.vehicles:g}")
-        if not 0 < self.gap <= LONGEST_GAP:
-            raise ScenarioError(f"gap must be seconds above 0 and up to {LONGEST_GAP:g}, not {self.gap:g}")
+        if self.seed < 0:
+            raise ScenarioError(f"seed must be 0 or more, not {self.seed}")
+        if not 0 < self.critical_gap <= LONGEST_GAP:
+            raise ScenarioError(
+                f"critical_gap must be seconds above 0 and up to {LONGEST_GAP:g}, not {self.critical_gap:g}"
+            )
+        most = MOST_IN_GAP * 3600 / self.critical_gap
+        if not 0 <= self.vehicles <= most:
+            raise ScenarioError(
+                f"vehicles must be between 0 and {most:,.0f} an hour, {MOST_IN_GAP} in each gap of "
+                f"{self.critical_gap:g} s, not {self.vehicles:g}"
+            )
 
 
-MOST_VEHICLES, LONGEST_GAP = 3_000, 20.0  # the mean wait grows exponentially with their product
-LONGEST_CYCLE = 600.0  # s
+LONGEST_CYCLE, LONGEST_GAP = 600.0, 20.0  # s
+MOST_IN_GAP = 4  # vehicles; the mean wait grows exponentially with it, and would soon break FIFO
+MOST_WEIGHT = 100.0  # of anything in an objective; sums of larger ones are lost in single precision
 
 Place = int | tuple[float, float]
 """A crossing: its number, or latitude and longitude in degrees of a place near it."""
@@ -185,7 +192,6 @@ def _check_places(name: str, places: tuple[Place, ...]) -> None:
         raise ScenarioError(f"{name} must all be different, but {max(places, key=places.count)} is there twice")
 
 
-GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, less their whole part, spread evenly
 ROOT_3 = math.sqrt(3)  # with multiples of both, pairs fill a square evenly
 
 
@@ -265,10 +271,12 @@ class Scenario:
         if wanted is None:
             return
         for name in ("time", "distance", "exposure"):
-            if not 0 <= getattr(wanted, name) < math.inf:
-                raise ScenarioError(f"{name} must have a weight of 0 or more, not {getattr(wanted, name)}")
+            if not 0 <= getattr(wanted, name) <= MOST_WEIGHT:
+                raise ScenarioError(
+                    f"{name} must have a weight between 0 and {MOST_WEIGHT:g}, not {getattr(wanted, name):g}"
+                )
         if not wanted.time and not wanted.distance:
-            raise ScenarioError("exposure alone makes all empty ways the same: time or distance needs a weight")
+            raise ScenarioError("time or distance needs a weight: by exposure alone all empty ways are the same")
         if wanted.max_density is not None and not 0 < wanted.max_density < math.inf:
             raise ScenarioError(f"max_density must be a positive number of persons/m², not {wanted.max_density}")
 

@@ -164,8 +164,8 @@ def _crowded_map(scenario: Scenario, maps: list[_Streets], key: Key[Array, ""]) 
 
 def fingerprint(place: CrowdedMap) -> str:
     """The same for the same streets with the same usual crowds, whatever the speed law, and for no others."""
-    digest = hashlib.sha256(str(jax.tree.structure((place.network, place.flow))).encode())
-    for leaf in jax.tree.leaves((place.network, place.flow)):
+    digest = hashlib.sha256(str(jax.tree.structure((place.network, place.flow, place.waits))).encode())
+    for leaf in jax.tree.leaves((place.network, place.flow, place.waits)):
         digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
     return digest.hexdigest()[:16]
 

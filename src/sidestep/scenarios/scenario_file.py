@@ -517,9 +517,9 @@ _FIELDS: dict[str, dict[str, _Field]] = {
     "traffic": {
         "cycle": _Field("traffic", "cycle", _number),
         "green": _Field("traffic", "green", _number),
-        "offsets": _Field("traffic", "offsets", _seed),
+        "seed": _Field("traffic", "seed", _seed),
         "vehicles": _Field("traffic", "vehicles", _number),
-        "gap": _Field("traffic", "gap", _number),
+        "critical_gap": _Field("traffic", "critical_gap", _number),
     },
     "objective": {
         "time": _Field("objective", "time", _number),

@@ -131,9 +131,9 @@ count = 500
 # [traffic]
 # cycle = 90  # seconds from one green to the next, of all lights
 # green = 30  # seconds of each cycle in which walkers may go
-# offsets = 0  # seed that draws when each light turns green
+# seed = 0  # draws the offset of each light: when in the cycle it turns green
 # vehicles = 500  # an hour on each street that is crossed without lights, in the busiest hour of the day
-# gap = 8  # seconds between two vehicles in which walkers cross
+# critical_gap = 8  # seconds between two vehicles in which walkers cross
 
 # What walkers keep low: the sum of these weights times seconds, metres, and the crowd met on the way (its density,
 # integrated over the walk, in person seconds per square metre). Without this table it is time.

@@ -116,6 +116,7 @@ def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float)
     return flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)
 
 
+MOST_CROSSINGS = 8  # without lights on one street; with more, waits might change faster than time goes by
 # Of the busiest hour's traffic, by hour of the day: a working day in a city, as an assumption.
 DAY_OF_TRAFFIC = (
     0.10, 0.06, 0.05, 0.05, 0.08, 0.20, 0.45, 0.80, 0.95, 0.75, 0.70, 0.75,
@@ -129,11 +130,12 @@ def waits_of(town: Town, venue: Venue) -> Waits | None:
     if traffic is None:
         return None
     street, _ = town.street_of_segment()
-    turns = np.random.default_rng([traffic.offsets, town.streets]).uniform(0, traffic.cycle, town.streets)
-    lights, others, offset = (jnp.asarray(each[street], jnp.float32) for each in (town.signals, town.crossings, turns))
+    turns = np.random.default_rng([traffic.seed, town.streets]).uniform(0, traffic.cycle, town.streets)
+    unsignalised = np.minimum(town.crossings, MOST_CROSSINGS)
+    lights, others, offset = (jnp.asarray(each[street], jnp.float32) for each in (town.signals, unsignalised, turns))
     vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
     start = jnp.asarray(venue.starts(1), jnp.float32)
-    return Waits(lights, others, offset, vehicles, start, traffic.cycle, traffic.green, traffic.gap)
+    return Waits(lights, others, offset, vehicles, start, traffic.cycle, traffic.green, traffic.critical_gap)
 
 
 def sensors_of(venue: Venue) -> tuple[Sensor, ...]:

@@ -22,11 +22,11 @@ from sidestep.environment.types import (
 from sidestep.flow.field import Field, FlowModel, SensedField
 from sidestep.flow.sensors import SensorFlow
 from sidestep.network.graph import RoadNetwork
-from sidestep.scenarios.catalogue import GOLDEN, LAWS, Scenario, ScenarioError
+from sidestep.scenarios.catalogue import LAWS, Scenario, ScenarioError
 from sidestep.scenarios.maps import CrowdedMap, Purpose, purpose_key
 from sidestep.scenarios.towns import check_ways
 from sidestep.travel_time import SensedSpeeds, SpeedField, Speeds
-from sidestep.waiting import Waits
+from sidestep.waiting import GOLDEN, Waits
 
 
 def make_environment(
