@@ -19,7 +19,8 @@ _NEVER = "\ufffe\uffff"  # no characters, says XML
 _ODBL = "https://opendatacommons.org/licenses/odbl/1-0/"
 _ROUTE_MEMBERS = (
     "scenario", "objective", "planner", "level", "departure", "departs", "metres", "expected_minutes", "arrives",
-    "mean_density", "exposure", "too_dense", "crowding", "futures", "median_minutes", "p90_minutes", "arrival_rate", "by_minutes", "arrive_by", "others",
+    "mean_density", "exposure", "too_dense", "crowding", "futures", "median_minutes", "p90_minutes", "arrival_rate",
+    "by_minutes", "arrive_by", "others",
 )  # fmt: skip
 
 

@@ -211,7 +211,7 @@ def trade_off_curve(found: TradeOff) -> Figure:
     axes.legend(frameon=False)
     shortest = found.shortest_path
     axes.set_title(
-        f"{found.scenario.name}, map 0: means of {found.walks} walks, seed {found.seed}; numbers are weights of exposure\n"
+        f"{found.scenario.name}, map 0: means of {found.walks} walks, seed {found.seed}; numbers weigh exposure\n"
         f"shortest-path: {shortest['minutes']:.1f} min and {shortest['exposure']:,.0f} person·s/m²",
         loc="left",
         fontsize=10,

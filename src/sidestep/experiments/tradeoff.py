@@ -87,9 +87,7 @@ def trade_off(
     """
     names = list(dict.fromkeys(planners))
     if len(set(weights)) < len(weights):
-        raise SidestepError(
-            f"weights of exposure must all be different, not {', '.join(f'{one:g}' for one in weights)}"
-        )
+        raise SidestepError(f"weights of exposure must all be different, not {weights}")
     every = choose(names, {**BASELINES, **REPLANNING})
     chosen = {name: factory for name, factory in every.items() if name in (*names, REFERENCE)}
     base = scenario.objective or Objective()

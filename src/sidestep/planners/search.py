@@ -22,7 +22,7 @@ from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 from sidestep.travel_time import CrossingRule, SpeedField, Speeds, leaving_clock
 
-FEWEST = 8  # nodes that are gone on from at a time
+FEWEST, SMALLEST = 8, 4  # nodes that are gone on from at a time, and in a group
 Leave = Callable[[Int[Array, ""], Float[Array, ""]], Float[Array, ""]]  # segment, clock at its beginning -> at its end
 
 Wait = Callable[[Int[Array, "*n"], Float[Array, "*n"]], Float[Array, "*n"]] | None
@@ -64,20 +64,27 @@ def _arrivals(
 ) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
     """Earliest clocks and the segments that lead there; with a ``destination``, of all that is reached before it.
 
-    Label-correcting: again and again from those few nodes that were reached earliest and not gone on from since.
-    Hardly any has to be gone on from twice, only segments that somebody comes to are worked out, and nobody goes on
-    who is no earlier than the destination is reached already: whatever they improved would be later still.
+    Label-correcting: again and again from a few nodes that were reached earliest and not gone on from since. Hardly
+    any has to be gone on from twice, only segments that somebody comes to are worked out, and nobody goes on who is no
+    earlier than the destination is reached already: whatever they improved would be later still.
+
+    Nodes stand in groups, of which the earliest is known: looking through all of them would take longer than the rest.
     """
-    nodes = network.nodes
-    several = min(max(FEWEST, math.isqrt(nodes) // 2), nodes)
+    size = max(SMALLEST, math.isqrt(network.nodes) // 4)
+    groups = -(-network.nodes // size)
+    several, none = min(max(FEWEST, math.isqrt(network.nodes) // 3), groups), groups * size
 
     def limit(arrival: Float[Array, " node"]) -> Float[Array, ""]:
         return jnp.float32(jnp.inf) if destination is None else arrival[destination]
 
-    def improve(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        arrival, via, due = carry
-        earliest, node = jax.lax.top_k(-due, several)
-        clock, due = -earliest, due.at[node].set(jnp.inf)
+    def improve(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        arrival, via, due, least = carry
+        earliest, group = jax.lax.top_k(-least, several)
+        clock, members = -earliest, due[group]
+        first = jnp.argmin(members, axis=1)
+        node, others = group * size + first, jnp.arange(size) != first[:, None]
+        due = due.at[group, first].set(jnp.inf)
+        least = least.at[group].set(jnp.min(members, axis=1, where=others, initial=jnp.inf))
         # Nobody can enter at infinity, so those who are not to go on are asked about clock 0 and then put back.
         goes = clock < limit(arrival)
         segment = network.exit_segment[node]
@@ -85,16 +92,21 @@ def _arrivals(
         there = jnp.where((segment >= 0) & goes[:, None], there, jnp.inf).reshape(-1)
         segment, head = segment.reshape(-1), network.exit_node[node].reshape(-1)
         better = (there < arrival[head]) & (there < limit(arrival))
-        arrival = arrival.at[jnp.where(better, head, nodes)].min(there, mode="drop")
-        # Number `nodes` is none: what is set there is dropped.
-        reached = jnp.where(better & (there == arrival[head]), head, nodes)
-        return arrival, via.at[reached].set(segment, mode="drop"), due.at[reached].set(there, mode="drop")
+        arrival = arrival.at[jnp.where(better, head, none)].min(there, mode="drop")
+        # What is set at number `none`, which is beyond the last, is dropped.
+        reached = jnp.where(better & (there == arrival[head]), head, none)
+        via = via.at[reached].set(segment, mode="drop")
+        due = due.at[reached // size, reached % size].set(there, mode="drop")
+        return arrival, via, due, least.at[reached // size].min(there, mode="drop")
 
-    start = jnp.full(nodes, jnp.inf).at[origin].set(departure)
-    arrival, via, _ = jax.lax.while_loop(
-        lambda carry: (carry[2] < limit(carry[0])).any(), improve, (start, jnp.full(nodes, -1), start)
+    start = jnp.full(none, jnp.inf).at[origin].set(departure)
+    due = start.reshape(groups, size)
+    arrival, via, _, _ = jax.lax.while_loop(
+        lambda carry: (carry[3] < limit(carry[0])).any(),
+        improve,
+        (start, jnp.full(none, -1), due, jnp.min(due, axis=1)),
     )
-    return arrival, via
+    return arrival[: network.nodes], via[: network.nodes]
 
 
 def fastest_exits(network: RoadNetwork, leave: Leave, instance: Instance) -> Bool[Array, "node exit"]:

@@ -1,0 +1,198 @@
+"""How time and memory grow with the town: import, loading, one route, potentials, training.
+
+    python benchmarks/scale.py                                   10³, 10⁴ and 10⁵ crossings; --json
+    python benchmarks/scale.py --side 316 --part training --rounds 8
+
+Towns are invented (`streets.py`). Their scenario is what `sidestep new` writes, with their streets and longer horizons:
+160 paired sensors crowd a smaller part of larger towns. Every part runs in a process of its own, so that its peak of
+memory is its own.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from streets import write
+
+from sidestep.agent.config import preset_for
+from sidestep.agent.train import shown, train
+from sidestep.environment.knowledge import usual_to_go
+from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
+from sidestep.network.io import load_town, save_town
+from sidestep.network.osm import import_osm
+from sidestep.planners.base import walk_plan
+from sidestep.planners.darp import Darp
+from sidestep.planners.greedy import GreedyMap
+from sidestep.planners.search import Clairvoyant, Expected
+from sidestep.planners.shortest_path import ShortestPath
+from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.scenario_file import find_scenario
+from sidestep.scenarios.template import template
+from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, make_environment, set_out
+
+TOWNS = {32: (180, 5), 100: (360, 5), 316: (720, 15)}  # side: minutes of the horizon and of a slot
+PAIRS, TURNS = 20, 4
+
+
+def invent(folder, side):
+    write(folder / "town.osm.pbf", side)
+    horizon, slot = TOWNS.get(side, (720, 15))
+    text = template("town").replace('file = "helsinki"', 'file = "town.npz"')
+    text = text.replace("horizon_minutes = 180", f"horizon_minutes = {horizon}")
+    (folder / "scenario.toml").write_text(text.replace("slot_minutes = 5", f"slot_minutes = {slot}"), "utf-8")
+    return {}
+
+
+def importing(folder):
+    began = perf_counter()
+    town, _ = import_osm(folder / "town.osm.pbf")
+    took = perf_counter() - began
+    save_town(town, folder / "town.npz")
+    return {"crossings": town.nodes, "streets": town.streets, "seconds": took}
+
+
+def loading(folder):
+    began = perf_counter()
+    network = load_town(folder / "town.npz").network()
+    network.length.block_until_ready()
+    return {"segments": network.segments, "seconds": perf_counter() - began}
+
+
+def world(folder, goals, level):
+    """The scenario, its environment with recorded futures, and a walk to each of so many destinations."""
+    problem = find_scenario(folder / "scenario.toml")
+    place = draw_map(problem, 0)
+    ends = anywhere_to_anywhere(place, goals, 0)
+    here = set_out(problem, place, ends)
+    params = make_environment(problem, here, "test", goals, level=level, goals=ends)
+    return problem, params, instances(problem, here, params, goals, goals=ends)
+
+
+def milliseconds(run, turns=TURNS):
+    """The best of several turns, which neighbours disturb least; what compiles comes before."""
+    jax.block_until_ready(run())
+    times = []
+    for _ in range(turns):
+        began = perf_counter()
+        jax.block_until_ready(run())
+        times.append(1e3 * (perf_counter() - began))
+    return min(times)
+
+
+def routes(folder):
+    """One route at a time: what a planner works out for it, after all is loaded and compiled."""
+    began = perf_counter()
+    _, params, todo = world(folder, PAIRS, "position")
+    jax.block_until_ready(params)
+    found = {"prepared_seconds": perf_counter() - began}
+    alone = [jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], todo) for k in range(PAIRS)]
+    for planner in (ShortestPath(), Expected(), Clairvoyant()):
+        each = [
+            milliseconds(partial(lambda p, one: np.asarray(p.plan(params, one).own), planner, one)) for one in alone
+        ]
+        found[planner.name] = {"median_ms": float(np.median(each)), "worst_ms": max(each)}
+    return found
+
+
+def potentials(folder):
+    """Times to one destination, from everywhere at every hour, and a walk by them."""
+    problem, params, todo = world(folder, 1, "map")
+    goal = (jnp.arange(params.network.nodes) == todo.destination[0])[None]
+    tables = jax.jit(usual_to_go)
+    took = milliseconds(lambda: tables(params, goal), 2)
+    planner = GreedyMap()
+    plan = planner.plan(params, todo)
+    walk = milliseconds(lambda: walk_plan(planner, params, plan, todo, jax.random.key(0), 1_000))
+    return {"slots": problem.slots, "both_tables_ms": took, "walk_ms": walk}
+
+
+def training(folder, rounds, walks, goals):
+    """Training by the preset, or to fewer goals, and how the agent then walks held-out futures beside `expected`."""
+    problem = find_scenario(folder / "scenario.toml")
+    config = preset_for(problem, "default", "map")
+    config = replace(config, rounds=min(rounds or config.rounds, config.rounds))
+    if goals:  # and two futures for each, as in the preset
+        config = replace(config, goals=goals, crowds=2 * goals, fresh_crowds=goals)
+    place = draw_map(problem, 0)
+    began, ended = perf_counter(), []
+    for state, report in train(config, problem, place):
+        network = jax.block_until_ready((shown(config, state), report))[0]
+        ended.append(perf_counter() - began)
+    peak = peak_gib()
+    darp = Darp(network, np.zeros((1, 1)), "map")
+    factories = BASELINES | REPLANNING | {"darp": lambda *_: darp}
+    found = compare(problem, choose(["darp"], factories), maps=[0], walks=walks)
+    rows = found.as_json()["planners"]
+    later = float(np.median(np.diff(ended))) if len(ended) > 1 else ended[0]
+    return {
+        "goals": config.goals,
+        "rounds": config.rounds,
+        "first_round_ended": ended[0],
+        "seconds": ended[-1],
+        "seconds_a_round": later,
+        "transitions_per_second": config.round_steps / later,
+        "peak_gib": peak,
+        "walks": walks,
+        "minutes": {name: row["mean_minutes"] for name, row in rows.items()},
+        "arrive": rows["darp"]["arrival_rate"],
+        "darp_over_expected": [rows["darp"]["difference_minutes"], rows["darp"]["difference_ci95"]],
+    }
+
+
+PARTS = {"invent": invent, "import": importing, "load": loading, "routes": routes, "potentials": potentials}
+
+
+def peak_gib():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+
+
+def part_of(options):
+    """One part, in this process."""
+    folder = Path(options.folder)
+    if options.part == "training":
+        return training(folder, options.rounds, options.walks, options.goals)
+    if options.part == "invent":
+        return invent(folder, options.side)
+    return {"peak_gib": None} | PARTS[options.part](folder) | {"peak_gib": peak_gib()}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--side", type=int, help="crossings along a side; by default 32, 100 and 316 in turn")
+    parser.add_argument("--part", choices=[*PARTS, "training"], help="by default all")
+    parser.add_argument("--rounds", type=int, help="of training; by default the preset's")
+    parser.add_argument("--walks", type=int, default=200, help="of the comparison after training")
+    parser.add_argument("--goals", type=int, help="that training learns; by default the preset's")
+    parser.add_argument("--folder", help="where a town is kept between parts")
+    parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)  # in this process
+    options = parser.parse_args()
+    if options.here:
+        print(json.dumps(part_of(options)))
+        return
+    for side in [options.side] if options.side else TOWNS:
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(options.folder or temporary)
+            folder.mkdir(exist_ok=True)
+            known = ("invent", "import") if not (folder / "town.npz").exists() else ()
+            parts = [*known, options.part] if options.part else [*PARTS, "training"]
+            for part in dict.fromkeys(parts):
+                again = ["--here", "--part", part, "--side", str(side), "--folder", str(folder)]
+                for name in ("walks", "rounds", "goals"):
+                    again += [f"--{name}", str(getattr(options, name))] if getattr(options, name) else []
+                done = subprocess.run([sys.executable, __file__, *again], check=True, stdout=subprocess.PIPE, text=True)
+                if part != "invent":
+                    print(f"{side}² {part}: {done.stdout.strip()}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
