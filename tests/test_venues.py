@@ -339,7 +339,7 @@ def test_corrections_are_followed_where_they_save_seconds(
     # in seconds: the first exit is the level's own choice
     estimate = jnp.array([500.0, 600.0, 100.0])
     valid = jnp.array([True, True, False])
-    seen = Observation(jnp.int32(0), jnp.zeros(2), valid, local, usual, None, estimate)
+    seen = Observation(jnp.int32(0), jnp.zeros(2), valid, jnp.int32(0), local, usual, None, estimate)
     assert int(greedy(state.network)(seen, jax.random.key(0))) == chosen
 
 

@@ -19,13 +19,13 @@ def waits(**changes: object) -> Waits:
     """On segment 0 a light, green for the first 30 s of each 90 s from 20 s on; on 1 three such; on 2 two crossings."""
     flat = Waits(
         lights=jnp.array([1.0, 3.0, 0.0]),
-        others=jnp.array([0.0, 0.0, 2.0]),
+        unsignalised=jnp.array([0.0, 0.0, 2.0]),
         offset=jnp.full(3, 20.0),
         vehicles=jnp.full(24, 0.1),
         start=jnp.zeros(1),
         cycle=90.0,
         green=30.0,
-        gap=8.0,
+        critical_gap=8.0,
     )
     return replace(flat, **changes)
 
@@ -78,16 +78,19 @@ def test_traffic_goes_straight_from_hour_to_hour_and_by_the_crowds_own_day() -> 
         assert seconds(found, clock, crowd)[2] == pytest.approx(delay(rate), rel=1e-3), (crowd, clock)
 
 
-leave: Callable[..., jax.Array] = jax.jit(lambda found, clock: clock + found.seconds(jnp.int32(0), ALL, clock))
+leave: Callable[..., jax.Array] = jax.jit(lambda found, crowd, clock: clock + found.seconds(crowd, ALL, clock))
 
 
 @given(
     st.floats(0, 5000, width=32), st.floats(0, 5000, width=32), st.floats(0, 90, width=32),
-    st.lists(st.floats(0, 0.5, width=32), min_size=24, max_size=24),
+    st.lists(st.floats(0, 0.5, width=32), min_size=24, max_size=24), st.integers(0, 5),
 )  # fmt: skip
-def test_nobody_leaves_before_those_who_came_earlier(one: float, other: float, offset: float, vehicles: list) -> None:
-    found = waits(offset=jnp.full(3, offset), vehicles=jnp.array(vehicles, jnp.float32))
-    early, late = (leave(found, jnp.full(3, clock)) for clock in sorted((one, other)))
+def test_nobody_leaves_before_those_who_came_earlier(
+    one: float, other: float, offset: float, vehicles: list, crowd: int
+) -> None:
+    # Up to as many vehicles as scenarios may have, four in each gap of 8 s, on as many crossings as a street may have.
+    found = waits(offset=jnp.full(3, offset), vehicles=jnp.array(vehicles, jnp.float32), unsignalised=jnp.full(3, 8.0))
+    early, late = (leave(found, crowd, jnp.full(3, clock)) for clock in sorted((one, other)))
     assert (np.asarray(late - early) >= -1e-3).all()
     assert (np.asarray(early) >= min(one, other)).all()
 

@@ -79,7 +79,7 @@ def test_a_network_by_hand() -> None:
         crossings=0,
         unit=10.0,
     )
-    seen = Observation(jnp.int32(0), jnp.array([300.0, 20.0]), jnp.array([True, True, False]))
+    seen = Observation(jnp.int32(0), jnp.array([300.0, 20.0]), jnp.array([True, True, False]), jnp.int32(0))
     # Inputs (300 - 100) / 100 = 2 and 20 / 10 = 2. Hidden: 2 + 4 + .5 = 6.5 and -2 + 1 = -1, which ReLU makes 0.
     # V = 13 + 3 = 16. A = 6.5, 5, (19.5); mean over the valid 5.75. Q = 10 (16 + .75) and 10 (16 - .75).
     assert network(seen)[:2].tolist() == [167.5, 152.5]

@@ -73,7 +73,7 @@ def sights(rush) -> dict[str, Observation]:
     clock = jnp.linspace(0, 6000, len(node))
     instance = Instance(node, jnp.full(len(node), params.network.nodes - 1), clock, node % params.crowds.count)
     trail = jnp.stack([(node + 1) % params.network.nodes, *[jnp.full(len(node), -1)] * 7], axis=1)
-    states = jax.vmap(EnvState)(node, clock, instance, trail)
+    states = jax.vmap(EnvState)(node, clock, instance, trail, jnp.zeros_like(node))
     return {level: jax.jit(jax.vmap(partial(observe, at_level(params, level))))(states) for level in LEVELS}
 
 

@@ -82,7 +82,7 @@ def constant(*q: float) -> DuelingQNetwork:
 
 @pytest.mark.parametrize(("double", "by_hand"), [(False, 10.0), (True, 5.5)])
 def test_td_error(double: bool, by_hand: float) -> None:
-    seen = Observation(jnp.int32(0), jnp.zeros(2), jnp.ones(3, bool))
+    seen = Observation(jnp.int32(0), jnp.zeros(2), jnp.ones(3, bool), jnp.int32(0))
     item = Transition(seen, jnp.int32(1), jnp.float32(2), jnp.float32(0.5), seen)
     # The network says 1, 3, 8; the target 22, 9, 13. The error of exit 1 is 2 + .5 max(22, 9, 13) - 3 = 10; with
     # double Q 2 + .5 * 13 - 3 = 5.5, because the network prefers exit 2.

@@ -9,7 +9,7 @@ import pytest
 
 from sidestep.environment.costs import cross, crossings
 from sidestep.environment.dynamics import reset, step
-from sidestep.environment.knowledge import usual_to_go
+from sidestep.environment.knowledge import live_to_go, usual_to_go
 from sidestep.environment.types import FORBIDDEN, EnvParams, Objective
 from sidestep.environment.walk import walk
 from sidestep.network.graph import RoadNetwork
@@ -17,7 +17,10 @@ from sidestep.network.grid import grid_network
 from sidestep.planners.base import walk_plan
 from sidestep.planners.greedy import GreedyMap
 from sidestep.planners.search import Clairvoyant, Expected
-from sidestep.travel_time import exposure_in, speed_field
+from sidestep.scenarios.catalogue import scenario
+from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.worlds import instances, make_environment
+from sidestep.travel_time import SpeedField, exposure_in, speed_field
 from sidestep.waiting import Waits
 
 KEY = jax.random.key(0)
@@ -89,7 +92,7 @@ def test_rewards_and_tallies_are_of_costs(steady, make_instance) -> None:
     walked = walk(forbidding, lambda *_: jnp.int32(0), make_instance(), KEY)
     # 0 > 1 is entered at 2 persons/m², and 1 > 3 at 1.
     assert (float(walked.tally.too_dense), float(walked.tally.exposure), float(walked.tally.metres)) == (1, 400, 300)
-    assert float(walked.tally.cost) == FORBIDDEN + 300
+    assert float(walked.cost) == FORBIDDEN + 300
 
 
 def test_a_street_that_is_seen_to_be_too_dense_is_not_entered(diamond, make_instance) -> None:
@@ -103,6 +106,69 @@ def test_a_street_that_is_seen_to_be_too_dense_is_not_entered(diamond, make_inst
         plan = planner.plan(params, make_instance([0]))
         walked = walk_plan(planner, params, plan, make_instance([0]), KEY)
         assert (float(walked.tally.metres[0]), float(walked.tally.too_dense[0])) == tally
+
+
+def test_who_does_not_arrive_pays_the_horizon_more(steady, make_instance) -> None:
+    # To and fro between 0 and 1, 200 s there and back; cut off after 300 s. At 0 and 1 persons/m² met beside 1 m/s.
+    short = replace(steady, objective=Objective(exposure=1.0), horizon=jnp.float32(300.0))
+    walked = walk(short, lambda *_: jnp.int32(0), make_instance(origin=0, destination=2), KEY)
+    assert not walked.arrived
+    assert float(walked.cost) == pytest.approx(float(walked.tally.cost) + 300)
+    assert float(walked.cost) > 300 + 300
+
+
+@pytest.mark.parametrize(("clock", "seen"), [(0.0, 3.0), (95.0, 3.0), (100.0, 0.0)])
+def test_live_walkers_see_what_is_too_dense_until_it_is_over(diamond, make_instance, clock: float, seen: float) -> None:
+    # On 0 > 1 there are 3 persons/m² till 100 s, then nobody; the forecast knows it.
+    density = np.zeros((8, 2), np.float32)
+    density[0, 0] = 3
+    params = crowded(diamond, np.ones((8, 2), np.float32), density, Objective(max_density=2.0))
+    params = replace(params, usual=usual_to_go(params, (jnp.arange(4) == 3)[None]), level="live")
+
+    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
+        later = jnp.asarray(density)[:, jnp.minimum(slot + jnp.arange(3), 1)]
+        return speed_field(jnp.ones((8, 3)), SLOT, later)
+
+    params = replace(params, live=live_to_go(params, jnp.ones((1, 2, 8)), ahead))
+    _, found = reset(params, make_instance(departure=clock))
+    penalty = FORBIDDEN if seen else 0
+    np.testing.assert_allclose(found.live.forecast, [300 + penalty, 400], atol=0.05)
+    np.testing.assert_allclose(found.live.snapshot, [300 + penalty, 400], atol=0.05)
+
+
+def test_lights_and_crowds_are_both_in_what_live_walkers_reckon(diamond, make_instance) -> None:
+    # A light on 0 > 1, red for 60 s more: 40 s more than the mean, in a crowd of 2 persons/m².
+    density = np.zeros((8, 2), np.float32)
+    density[0] = 2
+    params = crowded(diamond, np.ones((8, 2), np.float32), density, Objective(exposure=0.5))
+    none = jnp.zeros(8)
+    waits = Waits(none.at[0].set(1), none, none + 20, jnp.zeros(24), jnp.zeros(1), 90.0, 30.0, 8.0)
+    params = replace(params, waits=waits)
+    params = replace(params, usual=usual_to_go(params, (jnp.arange(4) == 3)[None]), level="live")
+    stays = speed_field(jnp.ones((8, 3)), SLOT, jnp.asarray(density)[:, [0, 0, 0]])
+    params = replace(params, live=live_to_go(params, jnp.ones((1, 2, 8)), lambda *_: stays))
+    _, found = reset(params, make_instance(departure=50.0))
+    # 60 s of waiting and 100 s of walking among 2 persons/m², then 200 s alone
+    np.testing.assert_allclose(found.estimate, [160 * (1 + 0.5 * 2) + 200, 400], atol=0.05)
+    np.testing.assert_allclose(found.local.crossing, [160, 150])
+
+
+@pytest.mark.parametrize(
+    "objective", [Objective(max_density=1.0), Objective(exposure=10.0), Objective(time=0.01, exposure=1.0)]
+)
+def test_nobody_beats_the_clairvoyant_even_where_it_pays_to_walk_to_and_fro(objective: Objective) -> None:
+    problem = scenario("paper-congested", side=4, crowded_nodes=3, horizon=8 * 3600.0)
+    problem = replace(problem, objective=objective)
+    place = draw_map(problem, 0)
+    params = make_environment(problem, place, "test", 12, level="map")
+    todo = instances(problem, place, params, 12)
+    cost = {}
+    for planner in (Clairvoyant(), Expected(), GreedyMap()):
+        walked = walk_plan(planner, params, planner.plan(params, todo), todo, KEY)
+        cost[planner.name] = np.asarray(walked.cost)
+        assert np.asarray(walked.arrived).all() or planner.name == "greedy-map"
+    for name in ("expected", "greedy-map"):
+        assert (cost["clairvoyant"] <= 1.02 * cost[name] + 1).all(), name
 
 
 def ways(network: RoadNetwork, here: int, end: int, been: tuple[int, ...] = ()) -> list[list[int]]:

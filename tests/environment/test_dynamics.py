@@ -213,7 +213,7 @@ def batch() -> tuple[EnvState, jax.Array]:
     node, action = (jnp.asarray(each.ravel(), jnp.int32) for each in np.mgrid[:9, :4])
     clock = jnp.linspace(0, 1500, 36)
     instance = Instance(node, jnp.full(36, 8, jnp.int32), clock, (node + action) % 2)
-    return jax.vmap(EnvState)(node, clock, instance, jnp.full((36, TRAIL), -1)), action
+    return jax.vmap(EnvState)(node, clock, instance, jnp.full((36, TRAIL), -1), jnp.zeros(36, int)), action
 
 
 def test_jit_and_vmap_agree_with_plain_calls(busy) -> None:

@@ -69,7 +69,7 @@ def see(
 def test_position_sees_nothing_else(informed) -> None:
     seen = see(informed, 1, 0.0, level="position")
     assert (int(seen.node), seen.position.tolist(), seen.valid.tolist()) == (1, [100, 100], [True, True])
-    assert len(jax.tree.leaves(seen)) == 3
+    assert len(jax.tree.leaves(seen)) == 4
     assert (seen.local, seen.usual, seen.live, seen.estimate) == (None, None, None, None)
 
 

@@ -105,7 +105,9 @@ def walks(crowd: int) -> Instance:
 @jax.jit
 def see_all(params: EnvParams, instances: Instance) -> Observation:
     trail = jnp.full(8, -1)
-    return jax.vmap(lambda one: observe(params, EnvState(one.origin, one.departure, one, trail)))(instances)
+    return jax.vmap(lambda one: observe(params, EnvState(one.origin, one.departure, one, trail, jnp.int32(0))))(
+        instances
+    )
 
 
 @jax.jit

@@ -65,7 +65,7 @@ def test_bearings_look_some_way_along_the_street() -> None:
 def leg(*points, name="", kind="footway", minutes=1.0, density=0.1) -> Leg:
     course = np.array(points, float)
     metres = float(np.linalg.norm(np.diff(course, axis=0), axis=1).sum())
-    return Leg(0, name, kind, metres, minutes, 0.0, density, course / DEGREE)
+    return Leg(0, name, kind, metres, minutes, 0.0, density, 0.0, False, course / DEGREE)
 
 
 def test_streets_of_one_name_are_joined() -> None:

@@ -122,7 +122,7 @@ def fastest_exits(network: RoadNetwork, leave: Leave, instance: Instance) -> Boo
     return chosen[network.exit_segment] & network.valid
 
 
-STEP, STEP_OF_LIGHTS = 60.0, 15.0  # s; the latter where their phases are known
+STEP, FINE_STEP = 60.0, 15.0  # s; the latter where costs jump: at lights, and where a street becomes too dense
 LEAST_STEPS = 1_000  # of a plan, which may walk to and fro for a while
 
 
@@ -135,8 +135,9 @@ def cheapest_way(params: EnvParams, field: SpeedField, instance: Instance, *, ph
     """
     network, crowd = params.network, instance.crowd
     goal = jnp.arange(network.nodes) == instance.destination
-    step = STEP_OF_LIGHTS if phases and params.waits is not None else STEP
-    every = math.ceil(field.slot_seconds / step)
+    jumps = phases and params.waits is not None
+    jumps |= params.objective is not None and params.objective.max_density is not None
+    every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
     table = field_to_go(params, field, crowd, goal, every=every, phases=phases)
     longest = max(4 * network.nodes, LEAST_STEPS)
 
