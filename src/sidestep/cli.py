@@ -378,7 +378,10 @@ def route(
     model: Annotated[Path | None, Parameter(help="Folder of a trained model, for the planner darp.")] = None,
     by: By = None,
     futures: Annotated[
-        int | None, Whole(help="Simulated futures; by default 200, in towns 20 for planners that see all counts.")
+        int | None,
+        Whole(
+            help="Simulated futures; by default 200, in towns 20 for planners that see all counts, 1 without chance."
+        ),
     ] = None,
     live: Annotated[Path | None, Parameter(help="In towns: current counts, hourly, as CSV.")] = None,
     output: Annotated[
@@ -407,7 +410,7 @@ def route(
     from sidestep.evaluation.trip import prepare, read_departure, read_minutes, read_node, read_place
     from sidestep.files import output_folder
     from sidestep.flow.counts import read_counts
-    from sidestep.scenarios.maps import draw_map
+    from sidestep.scenarios.maps import draw_map, knows_time
 
     problem = _scenario(scenario, changes)
     place = draw_map(problem, seed, index)
@@ -431,7 +434,7 @@ def route(
         place,
         read_place("--from", origin or "0"),
         read_place("--to", destination or last),
-        read_departure(depart, problem.venue),
+        read_departure(depart, problem.venue, timed=knows_time(place.flow)),
         None if live is None else read_counts(live),
     )
     who = _planner(planner, model, problem, place, seed, index, trip.destination.node, splits=trip.splits)

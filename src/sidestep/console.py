@@ -145,10 +145,18 @@ def show_journey(walk: "JourneyJson") -> None:
             f"{100 * other['arrival_rate']:.1f} % arrive; on average {abs(more):.1f} min "
             f"{'longer' if more >= 0 else 'shorter'}"
         )
-    print("\nCrowds are those that are usual at this hour of the week, whatever the date", end="")
-    counted = walk["counted_sensors"]
-    print("." if counted is None else f", and go on from current counts of {counted} of {walk['sensors']} sensors.")
+    print(f"\nCrowds are {_which_crowds(walk)}.")
     print(f"Streets: {walk['attribution']}. Crowds: {walk['crowds']}.")
+
+
+def _which_crowds(walk: "JourneyJson") -> str:
+    if walk["hour_of_week"] is None:
+        return "those of the table from its first slot on"
+    if walk["sensors"] is None:
+        return "those of the table at this hour of the week, whatever the date"
+    counted, usual = walk["counted_sensors"], "those that are usual at this hour of the week, whatever the date"
+    known = f", and go on from current counts of {counted} of {walk['sensors']} sensors"
+    return usual if counted is None else usual + known
 
 
 def show_counts(summary: "CountSummary", seed: int) -> None:

@@ -1,5 +1,6 @@
 """How fast people walk in a crowd, and how long a segment takes to cross while the crowd changes."""
 
+from dataclasses import replace
 from typing import Literal, get_args
 
 import equinox as eqx
@@ -101,6 +102,12 @@ class SpeedField(eqx.Module):
         density = None if self.density is None else self.density[crowd]
         return SpeedField(self.speed[crowd], self.covered[crowd], self.slot_seconds, density)
 
+    def first(self, crowds: int | None = None, slots: int | None = None) -> "SpeedField":
+        """The first of the alternative crowds in the first slots; None: all of them."""
+        part = (slice(crowds), slice(None), slice(slots))
+        density = None if self.density is None else self.density[part]
+        return SpeedField(self.speed[part], self.covered[part], self.slot_seconds, density)
+
     def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Speeds in m/s on segments in a slot of one of the crowds."""
         return self.speed[crowd, segment, slot]
@@ -115,7 +122,13 @@ class SpeedField(eqx.Module):
 
     @property
     def known_density(self) -> Float[Array, "*crowd segment slot"]:
-        """Densities in persons/m² that have to be there."""
+        """Densities in persons/m².
+
+        Raises
+        ------
+        ValueError
+            Speeds that were made without them.
+        """
         if self.density is None:
             raise ValueError("these speeds were made without their densities")
         return self.density
@@ -152,6 +165,10 @@ class SensedSpeeds(eqx.Module):
         """One of the alternative crowds, worked out on all segments."""
         density = self.spread.everywhere(self.density[crowd])
         return speed_field(self.law.speed(density).T, self.slot_seconds, density.T)
+
+    def first(self, crowds: int | None = None, slots: int | None = None) -> "SensedSpeeds":
+        """The first of the alternative crowds in the first slots; None: all of them."""
+        return replace(self, density=self.density[:crowds, :slots])
 
     def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Speeds in m/s on segments in a slot of one of the crowds."""

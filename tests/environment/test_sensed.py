@@ -12,8 +12,9 @@ from hypothesis.extra import numpy as hnp
 
 from sidestep.environment.knowledge import usual_to_go
 from sidestep.environment.observation import EMPTY, observe
-from sidestep.environment.types import HEAVIER, EnvParams, EnvState, Instance, Observation
+from sidestep.environment.types import HEAVIER, EnvParams, EnvState, Instance, Observation, field_of, walking_speeds
 from sidestep.environment.walk import walk
+from sidestep.flow.field import FlowField
 from sidestep.network.graph import road_network
 from sidestep.network.grid import grid_network
 from sidestep.network.spread import Spread, spread_along
@@ -62,6 +63,20 @@ def test_as_a_dense_field(density: np.ndarray) -> None:
         np.testing.assert_allclose(one, other, rtol=2e-4, atol=1e-3)
     # Whoever enters later does not leave earlier.
     assert (np.diff(np.asarray(CLOCKS) + few[-1], axis=-1) > -0.01).all()
+
+
+def test_people_behind_speeds_and_the_first_of_them() -> None:
+    volume = jnp.arange(2 * 4 * 5, dtype=jnp.float32).reshape(2, 4, 5)
+    dense = walking_speeds(LINE, FlowField(volume, SLOT), LAW, densities=True)
+    np.testing.assert_allclose(field_of(LINE, dense).counted, volume, rtol=1e-6)
+    few = sensed(np.arange(24).reshape(2, 4, 3) / 10, LINE_SPREAD)
+    np.testing.assert_array_equal(field_of(LINE, few).counted, few.density)
+    for name in ("speed", "covered", "density"):
+        np.testing.assert_array_equal(getattr(dense.first(1, 3), name), np.asarray(getattr(dense, name))[:1, :, :3])
+    np.testing.assert_array_equal(few.first(1, 3).density, np.asarray(few.density)[:1, :3])
+    assert (few.first().count, few.first().slots) == (dense.first().count, dense.first().slots) == (2, 4)
+    with pytest.raises(ValueError, match="made without their densities"):
+        field_of(LINE, walking_speeds(LINE, FlowField(volume, SLOT), LAW))
 
 
 def test_sensed_speeds_by_hand() -> None:

@@ -4,6 +4,8 @@ import json
 import re
 from dataclasses import replace
 from datetime import datetime, timedelta
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from xml.etree import ElementTree as ET
 
 import jax.numpy as jnp
@@ -18,14 +20,17 @@ from sidestep.evaluation.journey import Journey, _segment, travel
 from sidestep.evaluation.route_files import route_geojson, route_gpx
 from sidestep.evaluation.trip import Departure, Trip, prepare, read_departure, read_minutes, read_node, read_place
 from sidestep.flow.counts import CountTable, read_counts
+from sidestep.flow.table import read_table, save_crowd_table
 from sidestep.network.io import save_town
+from sidestep.network.snap import Snapper
 from sidestep.network.splice import splice
 from sidestep.network.town import Town, metres_between
 from sidestep.planners.darp import Learned
+from sidestep.planners.greedy import Forecast
 from sidestep.planners.search import Expected
 from sidestep.planners.shortest_path import distances_to
 from sidestep.scenarios import catalogue
-from sidestep.scenarios.catalogue import Scenario, Sensor, Venue
+from sidestep.scenarios.catalogue import Scenario, Sensor, Traffic, Venue
 from sidestep.scenarios.maps import draw_map
 from sidestep.travel_time import FREE_SPEED, Weidmann
 
@@ -268,13 +273,13 @@ def test_current_counts_make_crowds(tiny, tmp_path) -> None:
     trip = asked(tiny, at(50, 0), at(300, -50), counts=now)
     assert trip.counted == 1
     # back road was not counted; the quay has three times as many as usual, at 12:30 since this very moment
-    assert np.isnan(float(trip.flow.known.residual[0]))
-    assert float(trip.flow.known.residual[1]) == pytest.approx(np.log(3), abs=1e-3)
-    assert float(trip.flow.known.since) == 0
+    assert np.isnan(float(trip.place.flow.known.residual[0]))
+    assert float(trip.place.flow.known.residual[1]) == pytest.approx(np.log(3), abs=1e-3)
+    assert float(trip.place.flow.known.since) == 0
     before = asked(tiny, at(50, 0), at(300, -50), counts=live(tmp_path, "2025-05-24T11,7"))
-    assert float(before.flow.known.since) == 1
+    assert float(before.place.flow.known.since) == 1
     later = asked(tiny, at(50, 0), at(300, -50), depart="2025-05-24T13:00", counts=now)
-    assert float(later.flow.known.since) == 0.5
+    assert float(later.place.flow.known.since) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -329,6 +334,7 @@ def test_departures(tiny) -> None:
     assert read_departure("2025-06-01 23:59:30", tiny.venue).hour == pytest.approx(168 - 30 / 3600)
     assert read_departure(None, tiny.venue) == Departure(10.0)
     assert read_departure(None, tiny.venue).text == "Monday 10:00"
+    assert Departure(168 - 1 / 3600).text == "Monday 00:00"
     for text in ("soon", "30", "2025-05-24", "2025-13-01T12:00", "", "2025-05-24T25:00", "9999-12-31T23:59"):
         with pytest.raises(SidestepError, match=r"--depart must be a local time such as 2025-05-24T12:30, not"):
             read_departure(text, tiny.venue)
@@ -411,3 +417,153 @@ def test_the_command_says_that_counts_are_known(command, tmp_path) -> None:
     assert "and go on from current counts of 1 of 2 sensors." in said
     # three times as many, but what never varies is not expected to last: the next hour it is as usual
     assert float(re.search(r"Quay +50 +\d\.\d +\w+ +(\d\.\d\d)", said)[1]) == pytest.approx(1.45, abs=0.06)
+
+
+# --- Crowds from a table --------------------------------------------------------------------------------------------
+
+LONG, SLOW = 0, 2.0  # a street; persons/m² on Long Street from noon to one o'clock
+
+
+def tabled(tiny: Scenario, rows: list[str], **changes: object) -> Scenario:
+    """The small town with a table of densities on its streets beside its file."""
+    folder = Path(tiny.venue.streets).parent
+    with TemporaryDirectory() as drawer:
+        table = Path(drawer) / "crowds.csv"
+        table.write_text("\n".join(rows))
+        save_crowd_table(read_table(table, small_town()), folder / "crowds.npz")
+    venue = Venue(
+        **{"streets": tiny.venue.streets, "counts": str(folder / "crowds.npz"), "days": (5,), "hours": (12, 14)}
+        | changes
+    )
+    return replace(tiny, name="tabled", venue=venue)
+
+
+def hours(tiny: Scenario, **changes: object) -> Scenario:
+    """Saturday from noon to two: Long Street is slow in the first hour, and slower for who walks it to the west."""
+    return tabled(
+        tiny,
+        [
+            "street,direction,time,density",
+            *(f"{LONG},forward,2025-05-24T{12 + hour}:00,{SLOW * (1 - hour)}" for hour in (0, 1)),
+            *(f"{LONG},backward,2025-05-24T{12 + hour}:00,{2 * SLOW * (1 - hour)}" for hour in (0, 1)),
+            *(f"5,,2025-05-24T{12 + hour}:00,0.5" for hour in (0, 1)),
+        ],
+        **changes,
+    )
+
+
+def test_pieces_are_as_dense_as_their_street(tiny) -> None:
+    place = draw_map(hours(tiny), 0)
+    streets = splice(small_town(), [Snapper(small_town()).nearest(*at(x, 0)) for x in (50, 120)])
+    here = place.spliced(streets)
+    lengths = np.asarray(here.network.length)
+    assert lengths[np.flatnonzero(streets.parent == LONG)] == pytest.approx([50, 70, 80], abs=0.01)
+    assert streets.share[np.flatnonzero(streets.parent == LONG)] == pytest.approx([0.25, 0.35, 0.4], abs=1e-4)
+    assert (streets.share[: streets.town.streets][1:] == 1).all()
+    for hour in (132.0, 133.0):
+        before, after = (
+            np.asarray(there.beginning([hour]).flow.expected(3).density(there.network)[0]) for there in (place, here)
+        )
+        np.testing.assert_allclose(after, before[:, streets.parent], rtol=1e-5)
+    # as many persons in all
+    assert float(here.flow.usual.sum()) == pytest.approx(float(place.flow.usual.sum()))
+
+
+@pytest.fixture(scope="module")
+def slow(tiny) -> Journey:
+    """The same walk as :func:`journey` while Long Street is slow, by forecasts from counts that surprise nobody."""
+    return travel(asked(hours(tiny), at(50, 4), at(300, -50)), Forecast())
+
+
+def test_turn_by_turn_through_a_table(slow) -> None:
+    found = itinerary(slow, by=10.0)
+    on = {density: float(Weidmann().speed(jnp.float32(density))) * 60 for density in (SLOW, 0.5)}
+    assert [leg["density"] for leg in found["legs"]] == pytest.approx([SLOW, 0, 0.5], rel=1e-5)
+    minutes = [150 / on[SLOW], 100 / FREE_SPEED / 60, 50 / on[0.5]]
+    assert [leg["minutes"] for leg in found["legs"]] == pytest.approx(minutes, rel=2e-3)
+    assert (found["sensors"], found["counted_sensors"], found["crowds"]) == (None, None, "table crowds.npz")
+    assert (found["departs"], found["hour_of_week"]) == ("Saturday 2025-05-24 12:30", 132.5)
+    # crowds come exactly as in the table: one future, and nothing to gain from counts
+    assert (found["futures"], found["arrive_by"]) == (1, 1)
+    assert found["median_minutes"] == pytest.approx(found["expected_minutes"])
+    assert found["others"]["snapshot"]["mean_difference_minutes"] == pytest.approx(0, abs=1e-4)
+    # in the picture Long Street is as crowded as in its worse direction
+    assert slow.streets_density.tolist() == pytest.approx([2 * SLOW, 0, 0, 0, 0, 0.5, 0, 0], rel=1e-5)
+
+
+def test_chance_or_lights_make_futures_differ(tiny) -> None:
+    assert asked(hours(tiny), 0, 1).certain
+    assert not asked(hours(tiny, noise=(0.5, 0.3)), 0, 1).certain
+    assert not asked(hours(tiny, traffic=Traffic()), 0, 1).certain
+    assert not asked(tiny, 0, 1).certain
+
+
+@pytest.fixture
+def by_command(monkeypatch, tmp_path, capsys):
+    """`sidestep route tabled` in this process."""
+    monkeypatch.setattr(cli, "_start_jax", lambda: None)
+    monkeypatch.chdir(tmp_path)
+
+    def run(problem: Scenario, *args: str) -> str:
+        monkeypatch.setitem(catalogue.BUILT_IN, "tabled", problem)
+        with pytest.raises(SystemExit, match="0"):
+            cli.app(["route", "tabled", *args], exit_on_error=False, print_error=False)
+        return capsys.readouterr().out
+
+    return run
+
+
+WALK = ("--from", "{:.7f},{:.7f}".format(*at(50, 4)), "--to", "{:.7f},{:.7f}".format(*at(300, -50)))
+SLOTS = ["street,slot,density", f"{LONG},0,{SLOW}", f"{LONG},1,{SLOW}"]
+
+
+def test_the_command_walks_through_a_table(by_command, tiny, tmp_path) -> None:
+    said = by_command(hours(tiny), *WALK, "--depart", NOON)
+    assert "departing Saturday 2025-05-24 12:30" in said
+    assert "In 1 simulated future: median" in said
+    assert "Crowds are those of the table at this hour of the week, whatever the date.\n" in said
+    assert "Crowds: table crowds.npz." in said
+    for kind in ("geojson", "gpx", "png"):
+        assert by_command(hours(tiny), *WALK, "--format", kind, "--out", f"walk.{kind}") == ""
+    assert json.loads((tmp_path / "walk.geojson").read_text("utf-8"))["crowds"] == "table crowds.npz"
+    assert "departing Saturday 12:00: " in (tmp_path / "walk.gpx").read_text("utf-8")
+    assert (tmp_path / "walk.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_tables_without_times_begin_with_their_first_slot(by_command, tiny) -> None:
+    problem = tabled(tiny, SLOTS)
+    said = by_command(problem, *WALK)
+    assert "departing as the table begins, if" in said
+    assert "Crowds are those of the table from its first slot on.\n" in said
+    found = json.loads(by_command(problem, *WALK, "--json"))
+    assert (found["departure"], found["hour_of_week"], found["legs"][0]["density"]) == (None, None, pytest.approx(SLOW))
+    assert "<time>" not in by_command(problem, *WALK, "--format", "gpx")
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (
+            "--depart 2025-05-24T14:00",
+            "crowds.npz covers 2 hours from Saturday 12:00 on, but the departure is Saturday 2025-05-24 14:00",
+        ),
+        ("--depart 2025-05-25T12:30", "but the departure is Sunday 2025-05-25 12:30"),
+        ("--depart 30", "--depart must be a local time such as 2025-05-24T12:30, not '30'"),
+        (
+            f"--depart {NOON} --live now.csv",
+            "--live takes counts of sensors, but the crowds of tabled come from a table",
+        ),
+        ("--live now.csv", "--live takes counts of sensors"),
+    ],
+)
+def test_what_tables_cannot_answer(by_command, tiny, tmp_path, args: str, says: str) -> None:
+    live(tmp_path, "2025-05-24T12,5")
+    with pytest.raises(SidestepError, match=re.escape(says)) as caught:
+        by_command(hours(tiny), *WALK, *args.split())
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("depart", [NOON, "30"])
+def test_tables_without_times_know_no_departures(by_command, tiny, depart: str) -> None:
+    with pytest.raises(SidestepError, match=r"crowds.npz has slots without times, .*; leave out --depart$"):
+        by_command(tabled(tiny, SLOTS), "--depart", depart)

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.flow.field import Field, SensedField
+from sidestep.flow.field import Field, FlowField, SensedField
 from sidestep.network.graph import RoadNetwork
 from sidestep.travel_time import FREE_SPEED, CrossingRule, SensedSpeeds, SpeedField, SpeedLaw, Speeds, speed_field
 from sidestep.waiting import Waits
@@ -194,7 +194,7 @@ class Outcome(eqx.Module):
 
 
 def walking_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
-    """Speeds on every segment from the people on it; ``densities`` are kept where objectives ask for them."""
+    """Speeds on every segment from the people on it; ``densities`` are kept only where they are asked for."""
     if isinstance(flow, SensedField):
         return SensedSpeeds(flow.sensed, flow.spread, law, flow.slot_seconds)
     return dense_speeds(network, flow, law, densities=densities)
@@ -205,3 +205,11 @@ def dense_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities:
     density = flow.density(network)
     speed = jnp.swapaxes(law.speed(density), -1, -2)
     return speed_field(speed, flow.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)
+
+
+def field_of(network: RoadNetwork, speeds: Speeds) -> Field:
+    """The people from whom :func:`walking_speeds` made these speeds, if it kept their densities."""
+    if isinstance(speeds, SensedSpeeds):
+        return SensedField(speeds.density, speeds.spread, speeds.slot_seconds)
+    volume = jnp.swapaxes(speeds.known_density, -1, -2) * network.length * network.width
+    return FlowField(volume, speeds.slot_seconds)

@@ -64,9 +64,9 @@ class JourneyJson(TypedDict):
     level: str
     departure: str | None
     departs: str
-    hour_of_week: float
-    counted_sensors: int | None
-    sensors: int
+    hour_of_week: float | None  # None: crowds know no time, and the walk begins with their first slot
+    counted_sensors: int | None  # with current counts; None where none were given
+    sensors: int | None  # None where crowds come from a table
     origin: EndJson
     destination: EndJson
     steps: list[StepJson]
@@ -103,7 +103,7 @@ def itinerary(journey: Journey, by: float | None = None) -> JourneyJson:
         "departs": trip.departure.text,
         "hour_of_week": trip.departure.hour,
         "counted_sensors": trip.counted,
-        "sensors": len(sensors_of(trip.venue)),
+        "sensors": None if trip.venue.tabled else len(sensors_of(trip.venue)),
         "origin": _end_json(trip.origin),
         "destination": _end_json(trip.destination),
         "steps": [

@@ -22,7 +22,6 @@ from sidestep.planners.shortest_path import ShortestPath
 from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import purpose_key
 from sidestep.scenarios.worlds import make_environment, see_counts
-from sidestep.travel_time import SensedSpeeds
 
 FUTURES, LIVE_FUTURES = 200, 20  # by default; forecasts from the counts of every slot of every future take long
 
@@ -61,20 +60,19 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
     Parameters
     ----------
     futures
-        How many to simulate; by default ``FUTURES``, or ``LIVE_FUTURES`` for planners that see all counts.
+        How many to simulate; by default ``FUTURES``, or ``LIVE_FUTURES`` for planners that see all counts, or one where
+        all are alike.
     """
     if futures is None:
-        futures = LIVE_FUTURES if planner.sees == "live" else FUTURES
+        futures = 1 if trip.certain else LIVE_FUTURES if planner.sees == "live" else FUTURES
     if futures < 1:
         raise RouteError(f"there must be at least one future, not {futures}")
     scenario = replace(trip.scenario, departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
     goals = np.array([[trip.destination.node]])
-    params = make_environment(scenario, trip.place, "test", futures, level="map", goals=goals)
-    crowds, expected = params.crowds, params.expected
-    if not (isinstance(crowds, SensedSpeeds) and isinstance(expected, SensedSpeeds)):
-        raise RouteError(f"the crowds of {scenario.name} do not come from sensors")
-    futures = crowds.count  # one, where the forecast comes true
-    world = _World(scenario, trip, params, crowds, purpose_key(trip.place, "test"))
+    params = make_environment(scenario, trip.place, "test", futures, level="map", goals=goals, densities=True)
+    futures = params.crowds.count  # one, where the forecast comes true
+    density = np.asarray(params.expected.of(jnp.int32(0)).known_density)
+    world = _World(scenario, trip, params, purpose_key(trip.place, "test"))
     route = world.expected_route(planner)
     walked = world.walk(planner, futures, route.seconds)
     rivals: list[tuple[Planner, int]] = [(ShortestPath(), futures), (Snapshot(), min(futures, LIVE_FUTURES))]
@@ -87,15 +85,22 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
         trip,
         planner,
         route,
-        _legs(trip.streets, params, expected, route),
+        _legs(trip.streets, params, density, route),
         *_results(walked),
         others,
-        np.asarray(trip.flow.spread.everywhere(expected.density[0, 0]))[: trip.streets.town.streets],
+        _densest(trip.streets, density[:, 0]),
     )
 
 
 def _results(walked: Walk) -> tuple[Float[np.ndarray, " future"], Bool[np.ndarray, " future"]]:
     return np.asarray(walked.seconds, np.float64) / 60, np.asarray(walked.arrived)
+
+
+def _densest(streets: Spliced, density: Float[np.ndarray, " segment"]) -> Float[np.ndarray, " street"]:
+    """The densest of each street's pieces and directions; tables may tell directions apart."""
+    found = np.zeros(streets.town.streets, density.dtype)
+    np.maximum.at(found, streets.street, density)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +110,6 @@ class _World:
     scenario: Scenario
     trip: Trip
     params: EnvParams
-    crowds: SensedSpeeds
     key: Key[Array, ""]
 
     def expected_route(self, planner: Planner) -> Route:
@@ -121,8 +125,7 @@ class _World:
 
     def walk(self, planner: Planner, futures: int, seconds: float) -> Walk:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        crowds = replace(self.crowds, density=self.crowds.density[:futures])
-        params = replace(self.params, crowds=crowds)
+        params = replace(self.params, crowds=self.params.crowds.first(futures))
         todo = self._instances(futures)
         if planner.sees != "live":
             return walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
@@ -138,7 +141,7 @@ class _World:
 
     def _seen(self, planner: Planner, params: EnvParams, slots: int) -> EnvParams:
         slots, forecasts = min(slots, self.scenario.slots), planner.name != Snapshot.name
-        return see_counts(self.scenario, self.trip.flow, params, slots, forecasts=forecasts)
+        return see_counts(self.scenario, self.trip.place.flow, params, slots, forecasts=forecasts)
 
     def _plan(self, planner: Planner, params: EnvParams, todo: Instance) -> Plan:
         """Only hindsight plans otherwise for another future."""
@@ -166,12 +169,11 @@ def unlit(params: EnvParams) -> EnvParams:
 _FIRST_SLOTS = 4  # for which counts are shown; doubled until everybody has arrived within them
 
 
-def _legs(streets: Spliced, params: EnvParams, expected: SensedSpeeds, route: Route) -> tuple[Leg, ...]:
-    """The streets of a route through the expected crowds."""
-    town, length = streets.town, np.asarray(params.network.length)
-    sensed, near, weight = (
-        np.asarray(part) for part in (expected.density[0], expected.spread.sensor, expected.spread.weight)
-    )
+def _legs(
+    streets: Spliced, params: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route
+) -> tuple[Leg, ...]:
+    """The streets of a route through the expected crowds, which are so dense, in persons/m²."""
+    town, length, expected = streets.town, np.asarray(params.network.length), params.expected
     alone = replace(unlit(params), crowds=expected, objective=params.objective or Objective())
 
     def one(here: int, there: int, before: float, after: float) -> Leg:
@@ -186,7 +188,7 @@ def _legs(streets: Spliced, params: EnvParams, expected: SensedSpeeds, route: Ro
             metres=float(length[segment]),
             minutes=(after - before) / 60,
             entered=(before - route.clocks[0]) / 60,
-            density=float(weight[segment] @ sensed[slot, near[segment]]),
+            density=float(density[segment, slot]),
             exposure=float(jnp.asarray(crossed.exposure)),
             too_dense=bool(crossed.too_dense),
             course=streets.course(segment),

@@ -10,8 +10,10 @@ import numpy as np
 
 from sidestep.evaluation.foresight import RouteError
 from sidestep.flow.counts import CountTable
+from sidestep.flow.field import FlowModel
 from sidestep.flow.profile import time_of_week
 from sidestep.flow.sensors import SensorFlow
+from sidestep.flow.tabled import TableFlow
 from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.splice import Spliced, splice
 from sidestep.network.town import Town
@@ -25,9 +27,9 @@ _PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*", re.ASCII)
 
 @dataclass(frozen=True)
 class Departure:
-    """When somebody sets out. Usual crowds depend on the hour of the week alone."""
+    """When somebody sets out. Usual crowds depend on the hour of the week alone, or on no time at all."""
 
-    hour: float  # of the week, 0 is Monday 0:00
+    hour: float | None  # of the week, 0 is Monday 0:00; None: with the first slot of crowds that know no time
     time: datetime | None = None  # local wall time, where a day was given
 
     @property
@@ -35,7 +37,13 @@ class Departure:
         """Day of the week, date and time."""
         if self.time is not None:
             return f"{DAYS[self.time.weekday()]} {self.time:%Y-%m-%d %H:%M}"
-        return f"{DAYS[int(self.hour // 24)]} {int(self.hour % 24):02}:{round(self.hour % 1 * 60):02}"
+        return "as the table begins" if self.hour is None else _day_and_time(self.hour)
+
+
+def _day_and_time(hour: float) -> str:
+    """Of an hour of the week."""
+    day, minute = divmod(round(60 * hour), 24 * 60)
+    return f"{DAYS[day % 7]} {minute // 60:02}:{minute % 60:02}"
 
 
 @dataclass(frozen=True)
@@ -63,8 +71,7 @@ class Trip:
     scenario: Scenario
     venue: Venue
     streets: Spliced
-    place: CrowdedMap
-    flow: SensorFlow  # of the place
+    place: CrowdedMap  # at the hour of the departure
     origin: End
     destination: End
     departure: Departure
@@ -73,10 +80,17 @@ class Trip:
     @property
     def crowds(self) -> str:
         """Where the crowds come from."""
+        if self.venue.tabled:
+            return f"table {Path(self.venue.counts).name}"
         ours = self.venue.counts == "auckland"
         whose = AUCKLAND if ours else f"counts of {Path(self.venue.counts).name}"
         paired = not self.venue.sensors or any(sensor.place is None for sensor in self.venue.sensors)
         return f"{whose}, paired with these streets by a seed (synthetic)" if paired else whose
+
+    @property
+    def certain(self) -> bool:
+        """Whether all futures are alike: crowds come exactly as in a table, and nobody waits at lights."""
+        return self.venue.tabled and self.venue.noise[1] == 0 and self.venue.traffic is None
 
     @property
     def splits(self) -> bool:
@@ -134,14 +148,23 @@ def read_minutes(text: str) -> float:
     return minutes
 
 
-def read_departure(text: str | None, venue: Venue) -> Departure:
+def read_departure(text: str | None, venue: Venue, *, timed: bool = True) -> Departure:
     """Local wall time in ISO 8601; by default the first hour at which people usually set out.
+
+    Crowds that are not ``timed`` know no hours: walks begin with their first slot, and no time can be asked for.
 
     Raises
     ------
     RouteError
-        What is no such time, and times with a zone or an offset, which the counts do not have.
+        What is no such time, and times with a zone or an offset, which the counts do not have; any time where crowds
+        know none.
     """
+    if not timed:
+        if text is None:
+            return Departure(None)
+        raise RouteError(
+            f"{Path(venue.counts).name} has slots without times, so all walks set out as it begins; leave out --depart"
+        )
     if text is None:
         return Departure(venue.starts(1)[0])
     try:
@@ -181,7 +204,8 @@ def prepare(
     Raises
     ------
     SidestepError
-        Nodes that there are not, places outside the town, no way between them, counts of another place or time.
+        Nodes that there are not, places outside the town, no way between them, a departure about which a table says
+        nothing, counts of another place or time, or where crowds come from a table.
     """
     venue = scenario.venue
     if venue is None:
@@ -197,16 +221,27 @@ def prepare(
     if not math.isfinite(distances_to(network, np.asarray(network.length), streets.nodes[1])[streets.nodes[0]]):
         raise RouteError(f"no way leads from {ends[0].text} to {ends[1].text}; streets may be one-way or apart")
     # Futures are simulated: there are only as many recorded weeks as were counted, and none goes on from now.
-    here = place.spliced(streets).beginning([departure.hour])
-    flow, counted = here.flow, None
-    if not isinstance(flow, SensorFlow):
-        raise RouteError(f"the crowds of {scenario.name} do not come from sensors")
+    here, counted = place.spliced(streets), None
+    if departure.hour is not None:
+        _check_covered(place.flow, departure.hour, departure.text, venue)
+        here = here.beginning([departure.hour])
     if counts is not None:
+        if not isinstance(here.flow, SensorFlow):
+            raise RouteError(f"--live takes counts of sensors, but the crowds of {scenario.name} come from a table")
         if departure.time is None:
             raise RouteError("current counts need a departure with its day, such as --depart 2025-05-24T12:30")
-        flow, counted = with_live_counts(venue, flow, counts, departure.time)
+        flow, counted = with_live_counts(venue, here.flow, counts, departure.time)
         here = replace(here, flow=flow)
-    return Trip(scenario, venue, streets, here, flow, *ends, departure, counted)
+    return Trip(scenario, venue, streets, here, *ends, departure, counted)
+
+
+def _check_covered(flow: FlowModel, hour: float, said: str, venue: Venue) -> None:
+    """Refuse hours of the week about which a table says nothing."""
+    if isinstance(flow, TableFlow) and flow.begins is not None and not flow.covers(hour):
+        raise RouteError(
+            f"{Path(venue.counts).name} covers {flow.span / 3600:g} hours from {_day_and_time(flow.begins)} on, "
+            f"but the departure is {said}"
+        )
 
 
 def _find(town: Town, snap: Snapper, name: str, place: int | tuple[float, float]) -> int | Snapped:

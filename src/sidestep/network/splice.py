@@ -34,6 +34,11 @@ class Spliced:
         """Which segments begin where the segment that they are a piece of does."""
         return (self.begin == 0.0) | (self.begin == 1.0)
 
+    @property
+    def share(self) -> Float64[np.ndarray, " segment"]:
+        """Which part of the street each segment is, by length: 1 where it is the whole of it."""
+        return np.abs(self.end - self.begin)
+
     def course(self, segment: int) -> Float[np.ndarray, "point 2"]:
         """Longitude and latitude along one segment, in the direction in which it is walked."""
         begin, end = float(self.begin[segment]), float(self.end[segment])

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
 
 from sidestep.flow.arima import change_step, load_fitted
 from sidestep.flow.field import ArimaFlow, FlowModel
@@ -55,17 +55,29 @@ class CrowdedMap(eqx.Module):
 
     def spliced(self, streets: Spliced) -> "CrowdedMap":
         """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
-        flow, parent = self.flow, jnp.asarray(streets.parent)
-        if isinstance(flow, SensorFlow):
-            flow = replace(flow, spread=Spread(flow.spread.sensor[parent], flow.spread.weight[parent]))
+        parent, share = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
+        flow = _on_pieces(self.flow, parent, share)
         waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole))
         return CrowdedMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
 
 
+def knows_time(flow: FlowModel) -> bool:
+    """Whether crowds depend on the hour of the week."""
+    return isinstance(flow, SensorFlow) or (isinstance(flow, TableFlow) and flow.start is not None)
+
+
 def _starting(flow: FlowModel, start: Float[Array, " goal"]) -> FlowModel:
     """The same crowds from other hours of the week on, if they know the time."""
-    timed = isinstance(flow, SensorFlow) or (isinstance(flow, TableFlow) and flow.start is not None)
-    return replace(flow, start=start) if timed else flow  # type: ignore[type-var]
+    return replace(flow, start=start) if knows_time(flow) else flow  # type: ignore[type-var]
+
+
+def _on_pieces(flow: FlowModel, parent: Int[Array, " piece"], share: Float[Array, " piece"]) -> FlowModel:
+    """The same crowds, as dense, on pieces of the segments; ``share`` is how long these are in parts of the whole."""
+    if isinstance(flow, TableFlow):  # of the persons on a segment, each piece has as large a share as of its length
+        return replace(flow, usual=flow.usual[:, parent] * share)
+    if isinstance(flow, SensorFlow):
+        return replace(flow, spread=Spread(flow.spread.sensor[parent], flow.spread.weight[parent]))
+    return flow
 
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:

@@ -17,10 +17,10 @@ from sidestep.environment.types import (
     Objective,
     Seen,
     dense_speeds,
+    field_of,
     walking_speeds,
 )
-from sidestep.flow.field import Field, FlowModel, SensedField
-from sidestep.flow.sensors import SensorFlow
+from sidestep.flow.field import Field, FlowModel
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.catalogue import LAWS, Scenario, ScenarioError
 from sidestep.scenarios.maps import CrowdedMap, Purpose, purpose_key
@@ -38,17 +38,20 @@ def make_environment(
     level: Seen = "position",
     goals: Int[np.ndarray, "goal part"] | None = None,
     part: int = 0,
+    densities: bool = False,
 ) -> EnvParams:
     """The environment on one map with possible futures for one purpose.
 
     ``crowds`` futures are drawn; where the flows are the forecast only there is one, whatever was asked. ``level`` is
     the highest that walkers will see; from ``map`` on it knows the ways to ``goals``, by default to the scenario's own
-    destinations. Each ``part`` has futures of its own.
+    destinations. Each ``part`` has futures of its own. ``densities`` says whether crowds shall answer how dense they
+    are, as they do anyway where they spread from sensors or an objective asks for it.
     """
     nodes = jnp.asarray(goals_of(place, 1) if goals is None else goals, jnp.int32)
     key, flow = _future_key(place, purpose, part), place.flow_for(purpose)
     plain, objective = _apart(scenario)
-    return _environment(plain, objective, place.network, flow, place.waits, key, crowds, level, nodes)
+    keep = densities or objective is not None
+    return _environment(plain, objective, place.network, flow, place.waits, key, crowds, level, nodes, densities=keep)
 
 
 Futures = tuple[Speeds, LiveToGo | None]  # and what level live works out from their counts
@@ -90,7 +93,7 @@ def _future_key(place: CrowdedMap, purpose: Purpose, part: int) -> Key[Array, ""
     return jax.random.fold_in(key, part) if part else key
 
 
-@partial(jax.jit, static_argnames=("scenario", "crowds", "level"))
+@partial(jax.jit, static_argnames=("scenario", "crowds", "level", "densities"))
 def _environment(
     scenario: Scenario,
     objective: Objective | None,
@@ -101,8 +104,9 @@ def _environment(
     crowds: int,
     level: Seen,
     goals: Int[Array, "goal part"],
+    *,
+    densities: bool,
 ) -> EnvParams:
-    densities = objective is not None
     expected = walking_speeds(network, _expected(flow, scenario.slots), LAWS[scenario.law], densities=densities)
     params = EnvParams(
         network=network,
@@ -127,7 +131,7 @@ def _futures(scenario: Scenario, flow: FlowModel, params: EnvParams, key: Key[Ar
     """Speeds of possible futures and, at level ``live``, what can be worked out from their counts."""
     forecast = scenario.flows == "forecast"
     drawn = _expected(flow, scenario.slots) if forecast else flow.draw(key, crowds, scenario.slots)
-    densities = params.objective is not None
+    densities = params.expected.density is not None
     speeds = walking_speeds(params.network, drawn, LAWS[scenario.law], densities=densities)
     if params.level != "live":
         return speeds, None
@@ -144,20 +148,16 @@ def _live(scenario: Scenario, flow: FlowModel, params: EnvParams, drawn: Field) 
 
 @partial(jax.jit, static_argnames=("scenario", "slots", "forecasts"))
 def see_counts(
-    scenario: Scenario, flow: SensorFlow, params: EnvParams, slots: int, *, forecasts: bool = True
+    scenario: Scenario, flow: FlowModel, params: EnvParams, slots: int, *, forecasts: bool = True
 ) -> EnvParams:
     """The same crowds for walkers of level ``live``, who are shown counts and forecasts of the first slots only.
 
     Forecasts take much longer than all else, so that it pays to leave out slots in which everybody has arrived. After
     the last of them walkers see what they saw in it. Without ``forecasts`` these are zero, for walkers who do not look
-    at them. ``params`` is of level ``map`` at least.
+    at them. ``params`` is of level ``map`` at least, and its crowds have their densities.
     """
-    crowds = params.crowds
-    if not isinstance(crowds, SensedSpeeds) or params.usual is None:
-        raise ValueError("only crowds that spread from sensors can be seen for some slots, by level map or live")
-    density = crowds.density[:, :slots]
-    shown = replace(params, crowds=replace(crowds, density=density))
-    live = _live(scenario, flow, shown, SensedField(density, crowds.spread, crowds.slot_seconds))
+    shown = replace(params, crowds=params.crowds.first(slots=slots))
+    live = _live(scenario, flow, shown, field_of(params.network, shown.crowds))
     if not forecasts:  # the compiler then leaves out what they take
         live = LiveToGo(jnp.zeros_like(live.forecast), live.snapshot)
     return replace(params, live=live, level="live")
