@@ -353,7 +353,7 @@ def test_lights_and_crossings_are_those_of_the_streets_both_ways(place) -> None:
     waits = draw_map(lit, 1).waits
     street, back = town.street_of_segment()
     np.testing.assert_array_equal(waits.lights, town.signals[street])
-    np.testing.assert_array_equal(waits.others, town.crossings[street])
+    np.testing.assert_array_equal(waits.unsignalised, town.crossings[street])
     assert np.ptp(np.asarray(waits.offset)[np.asarray(waits.lights) > 0]) > 60
     # A street's light is one for both directions.
     first = np.asarray(waits.offset)[: town.streets]

@@ -65,7 +65,9 @@ def learn(config: TrainConfig, params: EnvParams, destination: int) -> tuple[np.
     state = start(config, scenario("paper-unblocked"), params, anywhere, place)
     for _ in range(config.rounds):
         state, report = train_round(config, params, anywhere, tests, state)
-    seen = jax.vmap(Observation)(jnp.arange(nodes), params.network.position, params.network.valid)
+    seen = jax.vmap(Observation)(
+        jnp.arange(nodes), params.network.position, params.network.valid, jnp.zeros(nodes, int)
+    )
     q = jax.jit(jax.vmap(state.network))(seen)
     return np.where(seen.valid, q, np.nan), report
 

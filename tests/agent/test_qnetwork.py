@@ -31,7 +31,7 @@ def network_for(grid: RoadNetwork, preset: str, seed: int = 0, **changes: object
 
 def everywhere(grid: RoadNetwork) -> Observation:
     """What is seen at every node."""
-    return jax.vmap(Observation)(jnp.arange(grid.nodes), grid.position, grid.valid)
+    return jax.vmap(Observation)(jnp.arange(grid.nodes), grid.position, grid.valid, jnp.zeros(grid.nodes, int))
 
 
 values = eqx.filter_jit(lambda network, seen: jax.vmap(network)(seen))
