@@ -143,7 +143,7 @@ def show_journey(walk: "JourneyJson") -> None:
         print(
             f"{name} in {which}: median {other['median_minutes']:.1f} min, 90 % within {other['p90_minutes']:.1f} min, "
             f"{100 * other['arrival_rate']:.1f} % arrive; on average {abs(more):.1f} min "
-            f"{'longer' if more >= 0 else 'shorter'}"
+            f"{'longer' if more >= 0 else 'shorter'}{_crowd_met(other['mean_difference_exposure'])}"
         )
     print(f"\nCrowds are {_which_crowds(walk)}.")
     print(f"Streets: {walk['attribution']}. Crowds: {walk['crowds']}.")
@@ -157,6 +157,10 @@ def _which_crowds(walk: "JourneyJson") -> str:
     counted, usual = walk["counted_sensors"], "those that are usual at this hour of the week, whatever the date"
     known = f", and go on from current counts of {counted} of {walk['sensors']} sensors"
     return usual if counted is None else usual + known
+
+
+def _crowd_met(more: float | None) -> str:
+    return "" if more is None else f", {abs(more):,.0f} person·s/m² {'more' if more >= 0 else 'less'} met"
 
 
 def show_counts(summary: "CountSummary", seed: int) -> None:

@@ -4,6 +4,7 @@ from dataclasses import asdict
 from typing import TypedDict
 
 import numpy as np
+from jaxtyping import Float
 
 from sidestep.evaluation.directions import crowding_word, directions, mean_density
 from sidestep.evaluation.journey import Journey, Others
@@ -52,6 +53,7 @@ class OtherJson(TypedDict):
     median_minutes: float
     p90_minutes: float
     mean_difference_minutes: float  # above zero where it takes longer
+    mean_difference_exposure: float | None  # above zero where it meets more people; None where time is all that counts
     arrival_rate: float
 
 
@@ -154,6 +156,11 @@ def _end_json(end: End) -> EndJson:
     return {"asked": end.text, "latitude": latitude, "longitude": longitude, "metres_away": end.away}
 
 
+def _difference(other: Float[np.ndarray, " some"], ours: Float[np.ndarray, " future"]) -> float:
+    """In the mean of those futures that both walked."""
+    return float(np.mean(other - ours[: len(other)]))
+
+
 def _other_json(journey: Journey, other: Others) -> OtherJson:
     found = spread(other.minutes, other.arrived, None)
     return {
@@ -161,6 +168,9 @@ def _other_json(journey: Journey, other: Others) -> OtherJson:
         "futures": len(other.minutes),
         "median_minutes": found["median_minutes"],
         "p90_minutes": found["p90_minutes"],
-        "mean_difference_minutes": float(np.mean(other.minutes - journey.minutes[: len(other.minutes)])),
+        "mean_difference_minutes": _difference(other.minutes, journey.minutes),
+        "mean_difference_exposure": None
+        if other.exposure is None or journey.exposure is None
+        else _difference(other.exposure, journey.exposure),
         "arrival_rate": float(other.arrived.mean()),
     }

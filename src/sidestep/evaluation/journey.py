@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Key
 from sidestep.environment.costs import cross
 from sidestep.environment.types import EnvParams, Instance, Objective
 from sidestep.environment.walk import Walk
+from sidestep.evaluation.compare import tally_of
 from sidestep.evaluation.directions import Leg
 from sidestep.evaluation.foresight import RouteError, whole_route
 from sidestep.evaluation.trip import Trip
@@ -33,6 +34,7 @@ class Others:
     planner: Planner
     minutes: Float[np.ndarray, " future"]
     arrived: Bool[np.ndarray, " future"]
+    exposure: Float[np.ndarray, " future"] | None  # crowd met, person·s/m²; None where time is all that counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,7 @@ class Journey:
     legs: tuple[Leg, ...]
     minutes: Float[np.ndarray, " future"]
     arrived: Bool[np.ndarray, " future"]
+    exposure: Float[np.ndarray, " future"] | None  # crowd met, person·s/m²; None where time is all that counts
     others: Mapping[str, Others]
     streets_density: Float[np.ndarray, " street"]  # persons/m² on every street that are expected at the departure
 
@@ -92,8 +95,15 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
     )
 
 
-def _results(walked: Walk) -> tuple[Float[np.ndarray, " future"], Bool[np.ndarray, " future"]]:
-    return np.asarray(walked.seconds, np.float64) / 60, np.asarray(walked.arrived)
+def _results(
+    walked: Walk,
+) -> tuple[Float[np.ndarray, " future"], Bool[np.ndarray, " future"], Float[np.ndarray, " future"] | None]:
+    tally = tally_of(walked)
+    return (
+        np.asarray(walked.seconds, np.float64) / 60,
+        np.asarray(walked.arrived),
+        None if tally is None else tally.exposure,
+    )
 
 
 def _densest(streets: Spliced, density: Float[np.ndarray, " segment"]) -> Float[np.ndarray, " street"]:
