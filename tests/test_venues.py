@@ -365,17 +365,15 @@ def test_lights_and_crossings_are_those_of_the_streets_both_ways(place) -> None:
     np.testing.assert_array_equal(here.waits.start, here.flow.start)
 
 
-def test_lights_take_time_and_nobody_beats_who_knows_their_phases() -> None:
+def test_nobody_beats_who_knows_the_phases_of_all_lights() -> None:
     lit = dataclasses.replace(HELSINKI, venue=dataclasses.replace(VENUE, traffic=Traffic()))
     goals = np.array([[3], [400]])
+    here = set_out(lit, draw_map(lit, 1), goals)
+    params = make_environment(lit, here, "test", 2, level="map", goals=goals)
+    todo = instances(lit, here, params, 2, goals=goals)
     minutes = {}
-    for problem in (HELSINKI, lit):
-        here = set_out(problem, draw_map(problem, 1), goals)
-        params = make_environment(problem, here, "test", 2, level="map", goals=goals)
-        todo = instances(problem, here, params, 2, goals=goals)
-        for planner in (Expected(), GreedyMap(), Clairvoyant()):
-            walked = walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(0))
-            minutes[problem is lit, planner.name] = np.asarray(walked.seconds) / 60
-    assert (minutes[True, "clairvoyant"] > minutes[False, "clairvoyant"]).all()
+    for planner in (Expected(), GreedyMap(), Clairvoyant()):
+        walked = walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(0))
+        minutes[planner.name] = np.asarray(walked.seconds) / 60
     for name in ("expected", "greedy-map"):
-        assert (minutes[True, name] >= minutes[True, "clairvoyant"] - 1e-3).all()
+        assert (minutes[name] >= minutes["clairvoyant"] - 1e-3).all()
