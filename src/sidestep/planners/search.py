@@ -1,4 +1,4 @@
-"""Time-dependent search: the fastest way through crowds that are known to change.
+"""Time-dependent search: the fastest way, or the cheapest, through crowds that are known to change.
 
 Under the integrated crossing rule nobody who enters a segment later leaves it earlier (FIFO), so earliest arrivals
 obey Bellman's equation and label-correcting finds the exact optimum. Under the paper's ``entry`` rule they do not:
@@ -180,7 +180,7 @@ def keep_to_plan(
 
 
 class Expected:
-    """The fastest way if the crowds were as expected: the best plan that is made beforehand and kept."""
+    """The fastest way, or the cheapest, if crowds were as expected: the best plan that is made beforehand and kept."""
 
     name: ClassVar[str] = "expected"
     level: ClassVar[Level] = "map"
@@ -192,7 +192,10 @@ class Expected:
 
 
 class Clairvoyant:
-    """The fastest way through the crowds as they will be: the lower bound of everyone's travel time."""
+    """The fastest way, or the cheapest, through the crowds as they will be: the lower bound of everyone's time or cost.
+
+    Of costs it is a bound up to the steps of :func:`cheapest_way`.
+    """
 
     name: ClassVar[str] = "clairvoyant"
     level: ClassVar[Level] = "hindsight"
