@@ -21,7 +21,7 @@ from sidestep.files import OutputError
 from sidestep.flow.counts import TEST, TRAIN
 from sidestep.network.graph import road_network
 from sidestep.network.io import load_helsinki, save_town
-from sidestep.scenarios.catalogue import BUILT_IN, ScenarioError, Sensor, Traffic, Venue, changed
+from sidestep.scenarios.catalogue import BUILT_IN, Light, ScenarioError, Sensor, Traffic, Venue, changed
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.scenario_file import _FIELDS, _TOP, find_scenario, load_scenario
 from sidestep.scenarios.template import new_scenario
@@ -30,6 +30,7 @@ from sidestep.scenarios.towns import check_ways, crossings
 from sidestep.scenarios.worlds import anywhere_to_anywhere, goals_of, instances, make_environment, sampler
 
 HELSINKI = '[network]\nfile = "helsinki"\n'
+TIMED = "[traffic.lights]\nGate = {{ at = {at}, cycle = 60, green = 20, offset = {offset} }}"
 
 
 @pytest.fixture
@@ -144,7 +145,7 @@ def test_the_template_is_helsinki_and_names_every_field(tmp_path) -> None:
     assert (found.name, found.venue) == ("my-town", helsinki.venue)
     assert dataclasses.replace(found, name="helsinki", summary=helsinki.summary) == helsinki
     # Some tables are there to be uncommented.
-    whole = re.sub(r"(?m)^# (?=(\[\w+\]|\w+ = .*#.*|\w+ = [\d.]+)$)", "", file.read_text())
+    whole = re.sub(r'(?m)^# (?=(\[[\w.]+\]|\w+ = .*#.*|\w+ = [\d.]+|"\w+" = {.*)$)', "", file.read_text())
     values = tomllib.loads(whole)
     assert set(values) == {*_TOP, *_FIELDS}
     for table, fields in _FIELDS.items():
@@ -152,7 +153,8 @@ def test_the_template_is_helsinki_and_names_every_field(tmp_path) -> None:
     text = re.sub(r"#.*", "", file.read_text())
     file.write_text(whole)
     found = load_scenario(file)
-    assert found.venue == dataclasses.replace(helsinki.venue, traffic=Traffic())
+    light = Light("Kaivokatu", (60.1705, 24.9415), 80.0, 25.0, 10.0)
+    assert found.venue == dataclasses.replace(helsinki.venue, traffic=Traffic(lights=(light,)))
     assert found.objective == Objective(exposure=0.5, max_density=4.0)
     ours = re.compile(r'^(crowding|uneven|reach|places) =|= "paired"')
     bare = "\n".join(line for line in text.splitlines() if not ours.search(line))
@@ -345,6 +347,11 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[traffic]\ncritical_gap = 0", "line 4: traffic.critical_gap must be seconds above 0"),
         (HELSINKI + "[traffic]\ncycle = nan", "line 4: traffic.cycle must be seconds above 0 and up to 600, not nan"),
         (HELSINKI + "[traffic]\nseed = -1", "line 4: traffic.seed must be a seed of 0 or more, not -1"),
+        (HELSINKI + "[traffic]\nlights = 3", "line 4: traffic.lights must be a table, [traffic.lights], not 3"),
+        (HELSINKI + "[traffic.lights]\na = 3", "line 3: traffic.lights 'a' must be { at = […, …], cycle = …, green"),
+        (HELSINKI + TIMED.format(at=0, offset=9), "traffic.lights 'Gate': must be two numbers of degrees in brackets"),
+        (HELSINKI + TIMED.format(at=[60.17, 24.94], offset=60), "'Gate': offset must be seconds of the 60 of a cycle"),
+        (HELSINKI + TIMED.format(at=[48.2, 16.4], offset=9), "traffic.lights: light 'Gate': 48.2, 16.4"),
         (HELSINKI + "[objective]\nexposure = -1", "line 4: objective.exposure must have a weight between 0"),
         (HELSINKI + "[objective]\ntime = 0", "line 4: objective.time or distance needs a weight"),
         (HELSINKI + "[objective]\ntime = '1'", "line 4: objective.time must be a number, not '1'"),

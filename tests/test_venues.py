@@ -22,7 +22,7 @@ from sidestep.planners.darp import ModelError, load_planners, trainable
 from sidestep.planners.greedy import GreedyMap
 from sidestep.planners.search import Clairvoyant, Expected
 from sidestep.scenarios import towns
-from sidestep.scenarios.catalogue import Scenario, ScenarioError, Sensor, Traffic, Venue, scenario
+from sidestep.scenarios.catalogue import Light, Scenario, ScenarioError, Sensor, Traffic, Venue, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.towns import APART, counts_of, stations, town_of
 from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, make_environment, new_crowds, put_crowds, set_out
@@ -359,6 +359,17 @@ def test_lights_and_crossings_are_those_of_the_streets_both_ways(place) -> None:
     first = np.asarray(waits.offset)[: town.streets]
     np.testing.assert_array_equal(np.asarray(waits.offset)[back], first[street[back]])
     assert float(waits.vehicles.max()) == pytest.approx(0.2)
+    # A light whose timing is known, on a street that has none in OpenStreetMap.
+    dark = int(np.argmin(town.signals))
+    middle = town.course(dark).mean(axis=0)[::-1] if len(town.course(dark)) == 2 else town.course(dark)[1][::-1]
+    known = Light("known", tuple(middle.tolist()), 60.0, 20.0, 5.0)
+    lit_too = dataclasses.replace(lit, venue=dataclasses.replace(VENUE, traffic=Traffic(lights=(known,))))
+    timed = draw_map(lit_too, 1).waits
+    both = np.flatnonzero(street == dark)
+    found = [np.asarray(each)[both].tolist() for each in (timed.lights, timed.cycle, timed.green, timed.offset)]
+    assert found == [[one] * len(both) for one in (1, 60, 20, 5)]
+    others = street != dark
+    np.testing.assert_array_equal(np.asarray(timed.offset)[others], np.asarray(waits.offset)[others])
     # Goals have hours of their own.
     goals = np.array([[3], [4]])
     here = set_out(lit, draw_map(lit, 1), goals)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sidestep.scenarios.towns import DAY_OF_TRAFFIC, MOST_CROSSINGS
 from sidestep.waiting import Waits, gap_delay
 
 ALL = jnp.arange(3)
@@ -20,11 +21,11 @@ def waits(**changes: object) -> Waits:
     flat = Waits(
         lights=jnp.array([1.0, 3.0, 0.0]),
         unsignalised=jnp.array([0.0, 0.0, 2.0]),
+        cycle=jnp.full(3, 90.0),
+        green=jnp.full(3, 30.0),
         offset=jnp.full(3, 20.0),
         vehicles=jnp.full(24, 0.1),
         start=jnp.zeros(1),
-        cycle=90.0,
-        green=30.0,
         critical_gap=8.0,
     )
     return replace(flat, **changes)
@@ -45,8 +46,8 @@ def test_who_comes_at_red_leaves_as_it_turns_green(clock: float, red: float) -> 
 
 
 def test_every_crowd_meets_the_lights_elsewhere_in_their_cycle() -> None:
-    # Crowd 1 is .618034 * 90 = 55.62306 s later: at 50 s its light is green from -14.4 to 15.6 s, then from 75.6 on.
-    assert seconds(waits(), 50.0, crowd=1)[0] == pytest.approx(75.62306 - 50, abs=1e-3)
+    # Crowd 1 is .618034 of an hour later, 2,224.922 s, which is 64.922 s after a whole cycle: green from 84.922 s on.
+    assert seconds(waits(), 50.0, crowd=1)[0] == pytest.approx(84.922 - 50, abs=2e-3)
     red = [seconds(waits(), 50.0, crowd)[0] for crowd in range(90)]
     assert np.mean(red) == pytest.approx(20, abs=0.5)
 
@@ -82,14 +83,19 @@ leave: Callable[..., jax.Array] = jax.jit(lambda found, crowd, clock: clock + fo
 
 
 @given(
-    st.floats(0, 5000, width=32), st.floats(0, 5000, width=32), st.floats(0, 90, width=32),
-    st.lists(st.floats(0, 0.5, width=32), min_size=24, max_size=24), st.integers(0, 5),
+    st.floats(0, 5000, width=32), st.floats(0, 5000, width=32), st.floats(0, 90, width=32), st.floats(0, 0.5, width=32),
+    st.integers(0, 167), st.integers(0, 5),
 )  # fmt: skip
 def test_nobody_leaves_before_those_who_came_earlier(
-    one: float, other: float, offset: float, vehicles: list, crowd: int
+    one: float, other: float, offset: float, busiest: float, start: int, crowd: int
 ) -> None:
     # Up to as many vehicles as scenarios may have, four in each gap of 8 s, on as many crossings as a street may have.
-    found = waits(offset=jnp.full(3, offset), vehicles=jnp.array(vehicles, jnp.float32), unsignalised=jnp.full(3, 8.0))
+    found = waits(
+        offset=jnp.full(3, offset),
+        vehicles=jnp.array(DAY_OF_TRAFFIC) * busiest,
+        unsignalised=jnp.full(3, float(MOST_CROSSINGS)),
+        start=jnp.array([float(start)]),
+    )
     early, late = (leave(found, crowd, jnp.full(3, clock)) for clock in sorted((one, other)))
     assert (np.asarray(late - early) >= -1e-3).all()
     assert (np.asarray(early) >= min(one, other)).all()

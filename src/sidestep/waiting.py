@@ -26,18 +26,18 @@ class Waits(eqx.Module):
     """What keeps walkers waiting where a segment begins.
 
     The phase of a segment's first light is seen by those who stand before it. All lights keep in step with one another,
-    but nobody knows beforehand where in the cycle they are: every crowd's begin elsewhere in it. Further lights on the
-    same segment take their mean wait, as nobody can say where on it they are, and so do crossings without lights: the
-    delay of gap acceptance, which grows with the traffic of the hour.
+    but nobody knows beforehand where in their cycles they are: every crowd's begin at another time. Further lights on
+    the same segment take their mean wait, as nobody can say where on it they are, and so do crossings without lights:
+    the delay of gap acceptance, which grows with the traffic of the hour.
     """
 
     lights: Float[Array, " segment"]  # crossings with lights on each segment
     unsignalised: Float[Array, " segment"]  # crossings of traffic without lights
-    offset: Float[Array, " segment"]  # s: for crowd 0 the first light turns green at this clock and every `cycle` later
+    cycle: Float[Array, " segment"]  # s from green to green, of the first light
+    green: Float[Array, " segment"]  # s of each cycle
+    offset: Float[Array, " segment"]  # s: for crowd 0 the first light turns green at this clock and every cycle later
     vehicles: Float[Array, "24"]  # vehicles/s on each street that is crossed without lights, by hour of the day
     start: Float[Array, " world"]  # hour of the week at clock 0; crowd number c has number c modulo their count
-    cycle: float = eqx.field(static=True)  # s
-    green: float = eqx.field(static=True)  # s of each cycle
     critical_gap: float = eqx.field(static=True)  # s between vehicles that walkers need
     phases: bool = eqx.field(static=True, default=True)  # whether lights have any; else all wait as long as in the mean
 
@@ -47,16 +47,17 @@ class Waits(eqx.Module):
         """Wait in s of those who come to segments at clocks, in one of the crowds."""
         if not self.phases:
             return self.mean(crowd, segment, clock)
-        turn = jnp.mod(crowd * GOLDEN, 1.0) * self.cycle
-        phase = jnp.mod(clock - turn - self.offset[segment], self.cycle)
-        red = jnp.where(phase < self.green, 0.0, self.cycle - phase)
+        cycle, later = self.cycle[segment], jnp.mod(crowd * GOLDEN, 1.0) * HOUR
+        phase = jnp.mod(clock - later - self.offset[segment], cycle)
+        red = jnp.where(phase < self.green[segment], 0.0, cycle - phase)
         lights = self.lights[segment]
         first = jnp.minimum(lights, 1.0)
-        return first * red + (lights - first) * self.mean_red + self.unsignalised[segment] * self._delay(crowd, clock)
+        further = (lights - first) * self.mean_red(segment)
+        return first * red + further + self.unsignalised[segment] * self._delay(crowd, clock)
 
     def mean(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The same for those who do not know the phases of lights."""
-        return self.lights[segment] * self.mean_red + self.unsignalised[segment] * self._delay(crowd, clock)
+        return self.lights[segment] * self.mean_red(segment) + self.unsignalised[segment] * self._delay(crowd, clock)
 
     def before(
         self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"], *, phases: bool
@@ -70,13 +71,15 @@ class Waits(eqx.Module):
             self,
             lights=self.lights[parent] * first,
             unsignalised=self.unsignalised[parent] * first,
+            cycle=self.cycle[parent],
+            green=self.green[parent],
             offset=self.offset[parent],
         )
 
-    @property
-    def mean_red(self) -> float:
+    def mean_red(self, segment: Int[Array, "*n"]) -> Float[Array, "*n"]:
         """Mean wait at a light in s, of those who come at any time."""
-        return (self.cycle - self.green) ** 2 / (2 * self.cycle)
+        cycle = self.cycle[segment]
+        return (cycle - self.green[segment]) ** 2 / (2 * cycle)
 
     def _delay(self, crowd: Int[Array, ""], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
         # Straight from the middle of one hour to the middle of the next.

@@ -142,7 +142,7 @@ def test_lights_and_crowds_are_both_in_what_live_walkers_reckon(diamond, make_in
     density[0] = 2
     params = crowded(diamond, np.ones((8, 2), np.float32), density, Objective(exposure=0.5))
     none = jnp.zeros(8)
-    waits = Waits(none.at[0].set(1), none, none + 20, jnp.zeros(24), jnp.zeros(1), 90.0, 30.0, 8.0)
+    waits = Waits(none.at[0].set(1), none, none + 90, none + 30, none + 20, jnp.zeros(24), jnp.zeros(1), 8.0)
     params = replace(params, waits=waits)
     params = replace(params, usual=usual_to_go(params, (jnp.arange(4) == 3)[None]), level="live")
     stays = speed_field(jnp.ones((8, 3)), SLOT, jnp.asarray(density)[:, [0, 0, 0]])
@@ -191,7 +191,7 @@ def test_searches_are_as_good_as_the_best_of_all_ways(make_instance, lit: bool) 
     if lit:
         offset = jnp.asarray(rng.uniform(0, 90, network.segments), jnp.float32)
         one = jnp.ones(network.segments)
-        waits = Waits(one, 0 * one, offset, jnp.zeros(24), jnp.zeros(1), 90.0, 30.0, 8.0)
+        waits = Waits(one, 0 * one, 90 * one, 30 * one, offset, jnp.zeros(24), jnp.zeros(1), 8.0)
         params = replace(params, waits=waits)
     crossed = jax.jit(lambda segment, clock: cross(params, jnp.int32(0), segment, clock))
 

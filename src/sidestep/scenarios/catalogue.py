@@ -57,23 +57,44 @@ class Sensor:
 
 
 @dataclass(frozen=True)
+class Light:
+    """A traffic light whose timing is known."""
+
+    name: str
+    place: tuple[float, float]  # latitude and longitude in degrees; it stands on the street that is nearest
+    cycle: float  # s from one green to the next
+    green: float  # s of each cycle in which walkers may go
+    offset: float  # s after those of offset 0 at which it turns green
+
+    def __post_init__(self) -> None:
+        _check_timing(self.cycle, self.green)
+        if not 0 <= self.offset < self.cycle:
+            raise ScenarioError(f"offset must be seconds of the {self.cycle:g} of a cycle, not {self.offset:g}")
+
+
+def _check_timing(cycle: float, green: float) -> None:
+    if not 0 < cycle <= LONGEST_CYCLE:
+        raise ScenarioError(f"cycle must be seconds above 0 and up to {LONGEST_CYCLE:g}, not {cycle:g}")
+    if not 0 < green <= cycle:
+        raise ScenarioError(f"green must be seconds of the {cycle:g} of a cycle, not {green:g}")
+
+
+@dataclass(frozen=True)
 class Traffic:
     """Vehicles that walkers wait for (:class:`sidestep.waiting.Waits`), wherever a street crosses traffic.
 
     OpenStreetMap knows where there are lights, but not how they are timed.
     """
 
-    cycle: float = 90.0  # s from one green to the next, of all lights
+    cycle: float = 90.0  # s from one green to the next, of all lights but those that are known
     green: float = 30.0  # s of each cycle in which walkers may go
     seed: int = 0  # draws the offset of each light: when in the cycle it turns green
     vehicles: float = 500.0  # an hour on each street crossed without lights, in the busiest hour of the day
     critical_gap: float = 8.0  # s between two vehicles in which walkers cross
+    lights: tuple[Light, ...] = ()  # those whose timing is known
 
     def __post_init__(self) -> None:
-        if not 0 < self.cycle <= LONGEST_CYCLE:
-            raise ScenarioError(f"cycle must be seconds above 0 and up to {LONGEST_CYCLE:g}, not {self.cycle:g}")
-        if not 0 < self.green <= self.cycle:
-            raise ScenarioError(f"green must be seconds of the {self.cycle:g} of a cycle, not {self.green:g}")
+        _check_timing(self.cycle, self.green)
         if self.seed < 0:
             raise ScenarioError(f"seed must be 0 or more, not {self.seed}")
         if not 0 < self.critical_gap <= LONGEST_GAP:

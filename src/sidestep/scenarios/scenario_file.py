@@ -17,6 +17,7 @@ from sidestep.files import reason
 from sidestep.scenarios.catalogue import (
     BUILT_IN,
     DAYS,
+    Light,
     Place,
     Scenario,
     ScenarioError,
@@ -280,13 +281,14 @@ class _Reader:
 
     def _check_place(self, venue: Venue, given: Container[Keys]) -> None:
         """Read the files that are named, and look for the sensors and places in them."""
-        from sidestep.scenarios.towns import check_ways, crossings, table_of, town_of
+        from sidestep.scenarios.towns import check_ways, crossings, table_of, town_of, waits_of
 
         town = self._at(("network", "file"), town_of, venue.streets)
         if venue.tabled:
             self._at(("counts", "file"), table_of, venue, town)
         else:
             self._check_counts(venue, town, given)
+        self._at(("traffic", "lights"), waits_of, town, venue)
         origins, ends = (
             self._at(("walks", name), crossings, town, name, getattr(venue, name))
             for name in ("origins", "destinations")
@@ -478,6 +480,22 @@ def _place(value: object) -> Place:
     return value
 
 
+def _lights(value: object) -> tuple[Light, ...]:
+    if not isinstance(value, dict):
+        raise _WrongError(f"must be a table, [traffic.lights], not {_said(value)}")
+    return tuple(_light(name, timing) for name, timing in value.items())
+
+
+def _light(name: str, value: object) -> Light:
+    if not isinstance(value, dict) or set(value) != {"at", "cycle", "green", "offset"}:
+        raise _WrongError(f"{name!r:.60} must be {{ at = […, …], cycle = …, green = …, offset = … }}")
+    try:
+        timing = (_number(value[key]) for key in ("cycle", "green", "offset"))
+        return Light(name, _degrees(value["at"]), *timing)
+    except (_WrongError, ScenarioError) as error:
+        raise _WrongError(f"{name!r:.60}: {error}") from error
+
+
 _SENSORS = _Field("venue", "sensors", tuple)
 _TOP: dict[str, _Field] = {
     "name": _Field("scenario", "name", _words),
@@ -520,6 +538,7 @@ _FIELDS: dict[str, dict[str, _Field]] = {
         "seed": _Field("traffic", "seed", _seed),
         "vehicles": _Field("traffic", "vehicles", _number),
         "critical_gap": _Field("traffic", "critical_gap", _number),
+        "lights": _Field("traffic", "lights", _lights),
     },
     "objective": {
         "time": _Field("objective", "time", _number),

@@ -134,6 +134,10 @@ count = 500
 # seed = 0  # draws the offset of each light: when in the cycle it turns green
 # vehicles = 500  # an hour on each street that is crossed without lights, in the busiest hour of the day
 # critical_gap = 8  # seconds between two vehicles in which walkers cross
+# Lights whose timing is known, each on the street nearest to it; offset is how many seconds it turns green after
+# those of offset 0.
+# [traffic.lights]
+# "Kaivokatu" = { at = [60.1705, 24.9415], cycle = 80, green = 25, offset = 10 }
 
 # What walkers keep low: the sum of these weights times seconds, metres, and the crowd met on the way (its density,
 # integrated over the walk, in person seconds per square metre). Without this table it is time.

@@ -25,7 +25,7 @@ from sidestep.network.io import load_helsinki, load_town
 from sidestep.network.snap import Snapper
 from sidestep.network.spread import spread_along
 from sidestep.network.town import Town, TownError
-from sidestep.scenarios.catalogue import Law, Place, ScenarioError, Sensor, Venue
+from sidestep.scenarios.catalogue import Law, Light, Place, ScenarioError, Sensor, Venue
 from sidestep.scenarios.tables import table_flow
 from sidestep.travel_time import FREE_SPEED
 from sidestep.waiting import Waits
@@ -125,17 +125,41 @@ DAY_OF_TRAFFIC = (
 
 
 def waits_of(town: Town, venue: Venue) -> Waits | None:
-    """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike."""
+    """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike.
+
+    Raises
+    ------
+    ScenarioError
+        A light outside the town.
+    """
     traffic = venue.traffic
     if traffic is None:
         return None
     street, _ = town.street_of_segment()
-    turns = np.random.default_rng([traffic.seed, town.streets]).uniform(0, traffic.cycle, town.streets)
+    signals, every = town.signals.copy(), np.ones(town.streets)
+    drawn = np.random.default_rng([traffic.seed, town.streets]).uniform(0, traffic.cycle, town.streets)
+    timing = np.stack([traffic.cycle * every, traffic.green * every, drawn])
+    if traffic.lights:
+        snap = Snapper(town)
+        for light in traffic.lights:
+            on = _street_of(snap, light)
+            signals[on] = max(signals[on], 1)
+            timing[:, on] = light.cycle, light.green, light.offset
     unsignalised = np.minimum(town.crossings, MOST_CROSSINGS)
-    lights, others, offset = (jnp.asarray(each[street], jnp.float32) for each in (town.signals, unsignalised, turns))
+    lights, others, cycle, green, offset = (
+        jnp.asarray(each[street], jnp.float32) for each in (signals, unsignalised, *timing)
+    )
     vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
     start = jnp.asarray(venue.starts(1), jnp.float32)
-    return Waits(lights, others, offset, vehicles, start, traffic.cycle, traffic.green, traffic.critical_gap)
+    return Waits(lights, others, cycle, green, offset, vehicles, start, traffic.critical_gap)
+
+
+def _street_of(snap: Snapper, light: Light) -> int:
+    """The street that a light stands on."""
+    try:
+        return snap.nearest(*light.place).street
+    except TownError as error:
+        raise ScenarioError(f"light {light.name!r}: {error}") from error
 
 
 def sensors_of(venue: Venue) -> tuple[Sensor, ...]:
