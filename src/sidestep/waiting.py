@@ -52,12 +52,11 @@ class Waits(eqx.Module):
         red = jnp.where(phase < self.green[segment], 0.0, cycle - phase)
         lights = self.lights[segment]
         first = jnp.minimum(lights, 1.0)
-        further = (lights - first) * self.mean_red(segment)
-        return first * red + further + self.unsignalised[segment] * self._delay(crowd, clock)
+        return self._and_gaps(crowd, segment, clock, first * red + (lights - first) * self.mean_red(segment))
 
     def mean(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The same for those who do not know the phases of lights."""
-        return self.lights[segment] * self.mean_red(segment) + self.unsignalised[segment] * self._delay(crowd, clock)
+        return self._and_gaps(crowd, segment, clock, self.lights[segment] * self.mean_red(segment))
 
     def before(
         self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"], *, phases: bool
@@ -80,6 +79,12 @@ class Waits(eqx.Module):
         """Mean wait at a light in s, of those who come at any time."""
         cycle = self.cycle[segment]
         return (cycle - self.green[segment]) ** 2 / (2 * cycle)
+
+    def _and_gaps(
+        self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"], at_lights: Float[Array, "*n"]
+    ) -> Float[Array, "*n"]:
+        # Gaps come after the lights, or of those who leave a light together the last to come would be the first to go.
+        return at_lights + self.unsignalised[segment] * self._delay(crowd, clock + at_lights)
 
     def _delay(self, crowd: Int[Array, ""], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
         # Straight from the middle of one hour to the middle of the next.
