@@ -58,12 +58,6 @@ class Waits(eqx.Module):
         """The same for those who do not know the phases of lights."""
         return self._and_gaps(crowd, segment, clock, self.lights[segment] * self.mean_red(segment))
 
-    def before(
-        self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"], *, phases: bool
-    ) -> Float[Array, "*n"]:
-        """The wait of those who know the phases of lights, or of those who do not."""
-        return (self.seconds if phases else self.mean)(crowd, segment, clock)
-
     def on(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "Waits":
         """The same on pieces of the segments; only the first piece of each has something to wait for."""
         return replace(

@@ -1,5 +1,7 @@
 """What walking a segment takes and costs: seconds, metres, and the crowd that is met."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -8,11 +10,16 @@ from sidestep.environment.types import Crossing, EnvParams, Objective
 from sidestep.travel_time import SpeedField, crossing_time_in, crossing_times_at, exposure_in
 
 
+def unlit(params: EnvParams) -> EnvParams:
+    """The same with lights at their mean wait, as somebody reckons with them who does not know their phases."""
+    return params if params.waits is None else replace(params, waits=replace(params.waits, phases=False))
+
+
 def cross(params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
     """Walk a segment to which somebody comes at ``clock``, in one of the crowds."""
     speed, covered = params.crowds.through(crowd, segment)
     density = None if params.objective is None else params.crowds.densities(crowd, segment)
-    wait = waiting(params, crowd, segment, clock, phases=True)
+    wait = waiting(params, crowd, segment, clock)
     return _crossing(
         params, clock, wait, speed, covered, density, params.network.length[segment], params.crowds.slot_seconds
     )
@@ -24,12 +31,10 @@ def cross_in(
     crowd: Int[Array, ""],
     segment: Int[Array, ""],
     clock: Float[Array, ""],
-    *,
-    phases: bool,
 ) -> Crossing:
-    """The same in a field without alternatives, with or without knowing the phases of lights."""
+    """The same in a field without alternatives."""
     density = None if params.objective is None else field.known_density[segment]
-    wait = waiting(params, crowd, segment, clock, phases=phases)
+    wait = waiting(params, crowd, segment, clock)
     length = params.network.length[segment]
     return _crossing(
         params, clock, wait, field.speed[segment], field.covered[segment], density, length, field.slot_seconds
@@ -43,7 +48,6 @@ def crossings(
     *,
     begins: Float[Array, ""] | float = 0.0,
     every: int = 1,
-    phases: bool = False,
 ) -> Crossing:
     """All segments of a field without alternatives, entered as its slots begin: arrays [step, segment].
 
@@ -55,8 +59,6 @@ def crossings(
         Clock at which the field begins.
     every
         Steps in each slot.
-    phases
-        Whether the phases of lights are known; else they take their mean wait.
     """
     length, segments = params.network.length, jnp.arange(params.network.segments)
     steps = jnp.arange(field.slots * every) * (field.slot_seconds / every)
@@ -65,7 +67,7 @@ def crossings(
 
     def at(clock: Float[Array, ""]) -> Crossing:
         come = jnp.full(segments.shape, clock)
-        wait = waiting(params, crowd, segments, begins + come, phases=phases)
+        wait = waiting(params, crowd, segments, begins + come)
         entered = come if wait is None else come + wait
         walked = crossing_times_at(speed, covered, field.slot_seconds, length, entered, params.rule)
         return _met(params, density, field.slot_seconds, length, come, walked if wait is None else wait + walked)
@@ -74,17 +76,10 @@ def crossings(
 
 
 def waiting(
-    params: EnvParams,
-    crowd: Int[Array, ""],
-    segment: Int[Array, "*n"],
-    clock: Float[Array, "*n"],
-    *,
-    phases: bool,
+    params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
 ) -> Float[Array, "*n"] | None:
     """Wait in s before segments, if there is anything to wait for."""
-    if params.waits is None:
-        return None
-    return params.waits.before(crowd, segment, clock, phases=phases)
+    return None if params.waits is None else params.waits.seconds(crowd, segment, clock)
 
 
 def standing(

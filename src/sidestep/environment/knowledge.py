@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.costs import crossings, standing, waiting
+from sidestep.environment.costs import crossings, standing, unlit, waiting
 from sidestep.environment.potentials import at_clock, cost_to_go, unchanging_to_go
 from sidestep.environment.types import HEAVIER, EnvParams, Instance, LiveToGo, UsualToGo
 from sidestep.network.graph import ABSENT
@@ -49,7 +49,6 @@ def field_to_go(
     goal: Bool[Array, " node"],
     *,
     every: int = 1,
-    phases: bool = False,
 ) -> Float[Array, "step node"]:
     """Cost from every node to the nearest goal through a whole field, whose last slot lasts for ever.
 
@@ -63,10 +62,8 @@ def field_to_go(
         Which nodes are destinations.
     every
         Steps in each slot, at whose beginnings costs are worked out.
-    phases
-        Whether the phases of lights are known.
     """
-    crossed = crossings(params, field, crowd, every=every, phases=phases)
+    crossed = crossings(params, field, crowd, every=every)
     density = None if params.objective is None else field.known_density[:, -1]
     last = unchanging_from(params, field.speed[:, -1], density, crowd, (field.slots - 1) * field.slot_seconds, goal)
     return cost_to_go(params.network, crossed.seconds, crossed.cost, field.slot_seconds / every, goal, last)
@@ -82,12 +79,13 @@ def unchanging_from(
 ) -> Float[Array, " node"]:
     """Cost from every node to the nearest goal if crowds stayed for ever as they are at a clock."""
     network = params.network
-    wait = waiting(params, crowd, jnp.arange(network.segments), jnp.full(network.segments, clock), phases=False)
+    wait = waiting(params, crowd, jnp.arange(network.segments), jnp.full(network.segments, clock))
     return unchanging_to_go(network, standing(params, network.length, speed, density, wait).cost, goal)
 
 
 def usual_to_go(params: EnvParams, goals: Bool[Array, "goal node"]) -> UsualToGo:
     """Expected costs of getting to some destinations; no node may belong to two goals."""
+    params = unlit(params)
 
     def tables(expected: Speeds) -> Float[Array, "goal slot node"]:
         def one(number: Int[Array, ""]) -> Float[Array, "slot node"]:
@@ -109,6 +107,7 @@ def live_to_go(params: EnvParams, counted: Float[Array, "crowd slot counter"], a
     ``counted`` is what is known of each slot as it begins: the people on each segment, or at each sensor. ``ahead``
     turns it into the speeds that are forecast from it; what comes after its window is as usual.
     """
+    params = unlit(params)
     crowds, usual = params.crowds, params.usual
     if usual is None:
         raise ValueError("level live needs EnvParams.usual")

@@ -140,7 +140,7 @@ def _seen_now(params: EnvParams, state: EnvState, crowds: Speeds, crowd: Int[Arr
     segment, slot = params.network.exit_segment[state.node], _slot(params, state)
     density = None if params.objective is None else crowds.density_at(crowd, segment, slot)
     clock = jnp.full(segment.shape, state.clock)
-    wait = waiting(params, state.instance.crowd, segment, clock, phases=True)
+    wait = waiting(params, state.instance.crowd, segment, clock)
     return standing(params, params.network.length[segment], crowds.at(crowd, segment, slot), density, wait)
 
 

@@ -17,13 +17,12 @@ Decide = Callable[[Observation, Key[Array, ""]], Int[Array, ""]]  # which exit t
 Carry = tuple[
     Bool[Array, ""],
     Bool[Array, ""],
-    Int[Array, ""],
     EnvState,
     Observation,
     Crossing | None,
     Int[Array, " trace"],
     Float[Array, " trace"],
-]  # over, arrived, steps, where the walker is, what it sees, what it cost, the trace
+]  # over, arrived, where the walker is, what it sees, what it cost, the trace
 
 
 class Walk(eqx.Module):
@@ -49,21 +48,21 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
     arrived = instance.origin == instance.destination
 
     def onward(carry: Carry) -> Carry:
-        _, _, steps, state, observation, tally, nodes, clocks = carry
-        action = decide(observation, jax.random.fold_in(key, steps))
+        _, _, state, observation, tally, nodes, clocks = carry
+        action = decide(observation, jax.random.fold_in(key, state.steps))
         state, outcome = step(params, state, action)
-        later = jnp.arange(trace) > steps
+        later = jnp.arange(trace) >= state.steps
         nodes, clocks = jnp.where(later, state.node, nodes), jnp.where(later, state.clock, clocks)
         done = outcome.terminated | outcome.truncated
         if tally is not None:
             tally = jax.tree.map(jnp.add, tally, outcome.crossed)
-        return done, outcome.terminated, steps + 1, state, outcome.observation, tally, nodes, clocks
+        return done, outcome.terminated, state, outcome.observation, tally, nodes, clocks
 
     tally = None if params.objective is None else Crossing(*(jnp.float32(0) for _ in fields(Crossing)))
-    _, arrived, steps, end, _, tally, nodes, clocks = jax.lax.while_loop(
-        lambda carry: ~carry[0], onward, (arrived, arrived, jnp.int32(0), start, observation, tally, nodes, clocks)
+    _, arrived, end, _, tally, nodes, clocks = jax.lax.while_loop(
+        lambda carry: ~carry[0], onward, (arrived, arrived, start, observation, tally, nodes, clocks)
     )
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
     seconds = jnp.where(arrived, jnp.minimum(end.clock - instance.departure, params.horizon), params.horizon)
     cost = seconds if tally is None else tally.cost + jnp.where(arrived, 0.0, params.horizon)
-    return Walk(seconds, arrived, steps, tally, cost, nodes, clocks)
+    return Walk(seconds, arrived, end.steps, tally, cost, nodes, clocks)

@@ -15,9 +15,8 @@ from jaxtyping import Float
 from sidestep.environment.dynamics import reset
 from sidestep.environment.observation import at_level
 from sidestep.environment.types import LEVELS, EnvParams, Instance
-from sidestep.environment.walk import Walk
 from sidestep.errors import SidestepError
-from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, Row, Tally, joined, summarise
+from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, Row, Tally, joined, summarise, tally_of
 from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
 from sidestep.planners.greedy import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.random_walk import RandomProgress, RandomWalk
@@ -228,17 +227,6 @@ def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array)
         1e6 * (planning / decisions + each),
         tally_of(walked),
     )
-
-
-def tally_of(walked: Walk) -> Tally | None:
-    """What walks cost, where that is not time alone."""
-    tally = walked.tally
-    if tally is None:
-        return None
-    cost, exposure, metres, too_dense = (
-        np.asarray(each, np.float64) for each in (walked.cost, tally.exposure, tally.metres, tally.too_dense)
-    )
-    return Tally(cost / 60, exposure, metres, too_dense)
 
 
 def _decision_seconds(planner: Planner, params: EnvParams, plan: Plan, todo: Instance, key: jax.Array) -> float:

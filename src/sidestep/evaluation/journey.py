@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from sidestep.environment.costs import cross
+from sidestep.environment.costs import cross, unlit
 from sidestep.environment.types import EnvParams, Instance, Objective
 from sidestep.environment.walk import Walk
-from sidestep.evaluation.compare import tally_of
 from sidestep.evaluation.directions import Leg
 from sidestep.evaluation.foresight import RouteError, whole_route
+from sidestep.evaluation.metrics import tally_of
 from sidestep.evaluation.trip import Trip
 from sidestep.network.splice import Spliced
 from sidestep.planners.base import Plan, Planner, Route, walk_plan
@@ -169,11 +169,6 @@ class _World:
             departure=jnp.zeros(count, jnp.float32),
             crowd=jnp.arange(count, dtype=jnp.int32),
         )
-
-
-def unlit(params: EnvParams) -> EnvParams:
-    """The same with lights at their mean wait, as somebody expects them who does not know their phases."""
-    return params if params.waits is None else replace(params, waits=replace(params.waits, phases=False))
 
 
 _FIRST_SLOTS = 4  # for which counts are shown; doubled until everybody has arrived within them

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sidestep.environment.types import Level
+from sidestep.environment.walk import Walk
 
 RESAMPLES = 2_000
 REFERENCE, BOUND, RIVAL = "shortest-path", "clairvoyant", "expected"  # rows that the others are set against
@@ -22,6 +23,17 @@ class Tally:
     exposure: Float[np.ndarray, "*walks"]  # crowd met, person·s/m²
     metres: Float[np.ndarray, "*walks"]
     too_dense: Float[np.ndarray, "*walks"]  # streets entered above the maximum density
+
+
+def tally_of(walked: Walk) -> Tally | None:
+    """What walks cost, where that is not time alone."""
+    tally = walked.tally
+    if tally is None:
+        return None
+    cost, exposure, metres, too_dense = (
+        np.asarray(each, np.float64) for each in (walked.cost, tally.exposure, tally.metres, tally.too_dense)
+    )
+    return Tally(cost / 60, exposure, metres, too_dense)
 
 
 def joined(tallies: Sequence[Tally], join: Callable[[list[np.ndarray]], np.ndarray]) -> Tally | None:

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from sidestep.environment.costs import cross_in
+from sidestep.environment.costs import cross_in, unlit
 from sidestep.environment.knowledge import field_to_go
 from sidestep.environment.potentials import at_clock
 from sidestep.environment.types import EnvParams, Instance, Level, Observation, Seen
@@ -35,14 +35,13 @@ def earliest_arrivals(
     origin: Int[Array, ""],
     departure: Float[Array, ""],
     rule: CrossingRule = "integrated",
-    wait: Wait = None,
 ) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
     """Earliest clock at which every node can be reached, and the segment over which it is.
 
     Unreachable nodes get infinity and segment -1.
     """
     only = SpeedField(field.speed[None], field.covered[None], field.slot_seconds)
-    return _arrivals(network, _through(network, only, jnp.int32(0), rule, wait), origin, departure)
+    return _arrivals(network, _through(network, only, jnp.int32(0), rule), origin, departure)
 
 
 def _through(
@@ -126,7 +125,7 @@ STEP, FINE_STEP = 60.0, 15.0  # s; the latter where costs jump: at lights, and w
 LEAST_STEPS = 1_000  # of a plan, which may walk to and fro for a while
 
 
-def cheapest_way(params: EnvParams, field: SpeedField, instance: Instance, *, phases: bool) -> Int[Array, " step"]:
+def cheapest_way(params: EnvParams, field: SpeedField, instance: Instance) -> Int[Array, " step"]:
     """The exits, one after the other, of the walk that costs least by the environment's objective.
 
     Costs, unlike arrivals, obey no principle of the earliest: it may pay to arrive later, and even to walk to and fro
@@ -135,16 +134,16 @@ def cheapest_way(params: EnvParams, field: SpeedField, instance: Instance, *, ph
     """
     network, crowd = params.network, instance.crowd
     goal = jnp.arange(network.nodes) == instance.destination
-    jumps = phases and params.waits is not None
+    jumps = params.waits is not None and params.waits.phases
     jumps |= params.objective is not None and params.objective.max_density is not None
     every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
-    table = field_to_go(params, field, crowd, goal, every=every, phases=phases)
+    table = field_to_go(params, field, crowd, goal, every=every)
     longest = max(4 * network.nodes, LEAST_STEPS)
 
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         node, clock, way, steps = carry
         onto, segment = network.exit_node[node], network.exit_segment[node]
-        ahead = jax.vmap(lambda one: cross_in(params, field, crowd, one, clock, phases=phases))(segment)
+        ahead = jax.vmap(lambda one: cross_in(params, field, crowd, one, clock))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
         best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
         return onto[best], clock + ahead.seconds[best], way.at[steps].set(best), steps + 1
@@ -156,15 +155,15 @@ def cheapest_way(params: EnvParams, field: SpeedField, instance: Instance, *, ph
     return way
 
 
-@partial(jax.jit, static_argnames="phases")
+@jax.jit
 def _plan(
-    params: EnvParams, fields: Speeds, instances: Instance, *, phases: bool
+    params: EnvParams, fields: Speeds, instances: Instance
 ) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
     def one(instance: Instance) -> Bool[Array, "node exit"] | Int[Array, " step"]:
         which, waits = instance.crowd % fields.count, params.waits
         if params.objective is not None:
-            return cheapest_way(params, fields.of(which), instance, phases=phases)
-        wait = None if waits is None else partial(waits.before, instance.crowd, phases=phases)
+            return cheapest_way(params, fields.of(which), instance)
+        wait = None if waits is None else partial(waits.seconds, instance.crowd)
         return fastest_exits(params.network, _through(params.network, fields, which, params.rule, wait), instance)
 
     return jax.vmap(one)(instances) if params.objective is None else jax.lax.map(one, instances)
@@ -188,7 +187,7 @@ class Expected:
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, params.expected, instances, phases=False))
+        return Plan(None, _plan(unlit(params), params.expected, instances))
 
 
 class Clairvoyant:
@@ -203,4 +202,4 @@ class Clairvoyant:
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, params.crowds, instances, phases=True))
+        return Plan(None, _plan(params, params.crowds, instances))

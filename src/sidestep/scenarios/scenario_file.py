@@ -187,8 +187,7 @@ class _Reader:
                 else:
                     problem = replace(problem, **changes)  # type: ignore[arg-type]
             except ScenarioError as error:
-                named = (keys[0], str(error).partition(" ")[0])
-                raise self._blamed(named if named in given else keys, str(error)) from error
+                raise self._blamed(keys, str(error), given) from error
         problem, venue = self._with_wholes(problem, venue, given)
         slots = (problem.departures[1] + problem.horizon) / problem.slot_seconds
         if slots > MOST_SLOTS:
@@ -213,8 +212,7 @@ class _Reader:
                 wanted = only_time(Objective(**dict(self._fields_of(table, given))))
                 problem = replace(problem, objective=wanted)
         except ScenarioError as error:
-            named = (table, str(error).partition(" ")[0])
-            raise self._blamed(named if named in given else (table,), str(error)) from error
+            raise self._blamed((table,), str(error), given) from error
         return problem, venue
 
     @staticmethod
@@ -316,8 +314,13 @@ class _Reader:
         except SidestepError as error:
             raise self._blamed(keys, f"{error}{more}") from error
 
-    def _blamed(self, keys: Keys, said: str) -> ScenarioError:
-        """An error of another module, which may name the field in its own words first."""
+    def _blamed(self, keys: Keys, said: str, given: Container[Keys] = ()) -> ScenarioError:
+        """An error of another module, which may name the field in its own words first.
+
+        Where that is another one of those that were ``given`` in the same table, it is the one to blame.
+        """
+        named = (keys[0], said.partition(" ")[0])
+        keys = named if named in given else keys
         field = ".".join(keys)
         return self._error(keys, field + (said.removeprefix(keys[-1]) if said.startswith(keys[-1]) else f": {said}"))
 

@@ -22,10 +22,10 @@ from sidestep.flow.table import CrowdTable, load_crowd_table
 from sidestep.flow.tabled import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.io import load_helsinki, load_town
-from sidestep.network.snap import Snapper
+from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.spread import spread_along
 from sidestep.network.town import Town, TownError
-from sidestep.scenarios.catalogue import Law, Light, Place, ScenarioError, Sensor, Venue
+from sidestep.scenarios.catalogue import Law, Place, ScenarioError, Sensor, Venue
 from sidestep.scenarios.tables import table_flow
 from sidestep.travel_time import FREE_SPEED
 from sidestep.waiting import Waits
@@ -142,7 +142,7 @@ def waits_of(town: Town, venue: Venue) -> Waits | None:
     if traffic.lights:
         snap = Snapper(town)
         for light in traffic.lights:
-            on = _street_of(snap, light)
+            on = _nearest(snap, f"light {light.name!r}", light.place).street
             signals[on] = max(signals[on], 1)
             timing[:, on] = light.cycle, light.green, light.offset
     unsignalised = np.minimum(town.crossings, MOST_CROSSINGS)
@@ -152,14 +152,6 @@ def waits_of(town: Town, venue: Venue) -> Waits | None:
     vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
     start = jnp.asarray(venue.starts(1), jnp.float32)
     return Waits(lights, others, cycle, green, offset, vehicles, start, traffic.critical_gap)
-
-
-def _street_of(snap: Snapper, light: Light) -> int:
-    """The street that a light stands on."""
-    try:
-        return snap.nearest(*light.place).street
-    except TownError as error:
-        raise ScenarioError(f"light {light.name!r}: {error}") from error
 
 
 def sensors_of(venue: Venue) -> tuple[Sensor, ...]:
@@ -257,10 +249,7 @@ def _crossing(town: Town, snap: Snapper, name: str, place: Place) -> int:
         if place >= town.nodes:
             raise ScenarioError(f"{name}: there is no crossing {place}; they are numbered 0 to {town.nodes - 1}")
         return place
-    try:
-        on = snap.nearest(*place)
-    except TownError as error:
-        raise ScenarioError(f"{name}: {error}") from error
+    on = _nearest(snap, name, place)
     return int(town.tail[on.street] if on.part < 0.5 else town.head[on.street])
 
 
@@ -348,7 +337,12 @@ def nearest_street(snap: Snapper, sensor: Sensor) -> int | None:
     ScenarioError
         A place outside the town.
     """
+    return _nearest(snap, f"sensor {sensor.name!r}", sensor.place).street if sensor.place else None
+
+
+def _nearest(snap: Snapper, what: str, place: tuple[float, float]) -> Snapped:
+    """The nearest place on a street, or a refusal that says of what."""
     try:
-        return snap.nearest(*sensor.place).street if sensor.place else None
+        return snap.nearest(*place)
     except TownError as error:
-        raise ScenarioError(f"sensor {sensor.name!r}: {error}") from error
+        raise ScenarioError(f"{what}: {error}") from error
