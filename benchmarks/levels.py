@@ -13,15 +13,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sidestep.agent.config import preset
+from sidestep.agent.presets import preset
 from sidestep.agent.train import fresh_network, greedy, train
+from sidestep.environment.cost_to_go import at_clock, field_to_go
 from sidestep.environment.dynamics import reset
-from sidestep.environment.potentials import at_clock, field_to_go
 from sidestep.environment.types import LEVELS
-from sidestep.planners.search import earliest_arrivals
-from sidestep.scenarios.catalogue import scenario
+from sidestep.planners.time_dependent import earliest_arrivals
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.worlds import instances, make_environment
 
 WALKERS = 1_000
 SEARCHES = 300

@@ -25,13 +25,16 @@ import stable_baselines3
 import torch
 from stable_baselines3 import DQN
 
-from sidestep.agent.config import PRESETS, TrainConfig
+from sidestep.agent.config import TrainConfig
+from sidestep.agent.presets import PRESETS
 from sidestep.agent.train import train
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import EnvParams
-from sidestep.scenarios.catalogue import Scenario, scenario
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import CrowdedMap, draw_map
-from sidestep.scenarios.worlds import instances, make_environment
+from sidestep.scenarios.model import Scenario
 
 
 class Grid(gymnasium.Env):

@@ -24,21 +24,23 @@ import jax.numpy as jnp
 import numpy as np
 from streets import write
 
-from sidestep.agent.config import preset_for
+from sidestep.agent.presets import preset_for
 from sidestep.agent.train import shown, train
 from sidestep.environment.knowledge import usual_to_go
-from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
-from sidestep.network.io import load_town, save_town
+from sidestep.evaluation.compare import compare
+from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
 from sidestep.planners.base import walk_plan
-from sidestep.planners.darp import Darp
-from sidestep.planners.greedy import GreedyMap
-from sidestep.planners.search import Clairvoyant, Expected
+from sidestep.planners.learned import Darp
+from sidestep.planners.reactive import GreedyMap
+from sidestep.planners.registry import BASELINES, REPLANNING, choose
 from sidestep.planners.shortest_path import ShortestPath
+from sidestep.planners.time_dependent import Clairvoyant, Expected
+from sidestep.scenarios.episodes import anywhere_to_anywhere, instances, set_out
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.scenario_file import find_scenario
+from sidestep.scenarios.reader import find_scenario
 from sidestep.scenarios.template import template
-from sidestep.scenarios.worlds import anywhere_to_anywhere, instances, make_environment, set_out
 
 TOWNS = {32: (180, 5), 100: (360, 5), 316: (720, 15)}  # side: minutes of the horizon and of a slot
 PAIRS, TURNS = 20, 4

@@ -17,7 +17,7 @@ import numpy as np
 import osmium
 from osmium.osm.mutable import Node, Way
 
-from sidestep.network.io import load_town, save_town
+from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
 
 BENDS, SPACING = 8, 80 / 111_195  # bends a street; degrees

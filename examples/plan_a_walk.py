@@ -3,7 +3,7 @@
 import jax
 
 from sidestep import PRESETS, draw_map, instances, make_environment, routes, scenario, train_darp
-from sidestep.planners.search import Clairvoyant
+from sidestep.planners.time_dependent import Clairvoyant
 
 problem = scenario("paper-congested")
 place = draw_map(problem, seed=0)

@@ -10,12 +10,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sidestep.agent.config import preset
-from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
+from sidestep.agent.presets import preset
+from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import percent
 from sidestep.files import write_text
-from sidestep.planners.darp import load_planners
-from sidestep.scenarios.catalogue import BUILT_IN
+from sidestep.planners.learned import load_planners
+from sidestep.planners.registry import BASELINES, REPLANNING, choose
+from sidestep.scenarios.builtin import BUILT_IN
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCENARIO = "rush-16"

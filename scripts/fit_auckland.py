@@ -1,14 +1,14 @@
-"""Refit the model that is shipped as src/sidestep/flow/auckland_arima.json: `python scripts/fit_auckland.py`."""
+"""Refit the model that is shipped as src/sidestep/crowds/auckland_arima.json: `python scripts/fit_auckland.py`."""
 
 import json
 from pathlib import Path
 
+from sidestep.crowds.arima import fit_arima
+from sidestep.crowds.counts import AUCKLAND_SOURCE, TRAIN, load_auckland
+from sidestep.crowds.summary import DEFAULT_SENSOR
 from sidestep.files import write_text
-from sidestep.flow.arima import fit_arima
-from sidestep.flow.counts import AUCKLAND_SOURCE, TRAIN, load_auckland
-from sidestep.flow.summary import DEFAULT_SENSOR
 
-TARGET = Path(__file__).parents[1] / "src/sidestep/flow/auckland_arima.json"
+TARGET = Path(__file__).parents[1] / "src/sidestep/crowds/auckland_arima.json"
 
 
 def fitted() -> dict[str, object]:

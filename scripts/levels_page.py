@@ -14,11 +14,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 
-from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
+from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Row, cells
 from sidestep.files import write_text
-from sidestep.planners.darp import load_planners
-from sidestep.scenarios.catalogue import BUILT_IN
+from sidestep.planners.learned import load_planners
+from sidestep.planners.registry import BASELINES, REPLANNING, choose
+from sidestep.scenarios.builtin import BUILT_IN
 
 DOCS = Path(__file__).parents[1] / "docs"
 

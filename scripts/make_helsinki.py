@@ -16,7 +16,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from sidestep.network.io import load_town, save_town
+from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
 from sidestep.network.town import Town
 

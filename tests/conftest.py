@@ -15,7 +15,8 @@ install_import_hook("sidestep", "beartype.beartype(conf=beartype.BeartypeConf(is
 
 from sidestep.environment.types import EnvParams, Instance  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
-from sidestep.travel_time import CrossingRule, SpeedField, speed_field  # noqa: E402
+from sidestep.walking.crossing_time import CrossingRule  # noqa: E402
+from sidestep.walking.speed_field import SpeedField, speed_field  # noqa: E402
 
 # The same examples in every run, and no time limit on one: the first of each compiles.
 settings.register_profile("sidestep", derandomize=True, deadline=None)

@@ -9,9 +9,9 @@ import pytest
 
 from sidestep.agent import checkpoint
 from sidestep.agent.checkpoint import CheckpointError, TrainingRun
-from sidestep.agent.config import PRESETS, preset
+from sidestep.agent.presets import PRESETS, preset
 from sidestep.agent.train import train
-from sidestep.scenarios.catalogue import scenario
+from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map, draw_training_map, fingerprint
 
 CONFIG = dataclasses.replace(

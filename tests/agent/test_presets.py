@@ -5,16 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sidestep.agent.config import PRESETS, TrainConfig, TrainConfigError, changed, preset
+from sidestep.agent.config import TrainConfig, TrainConfigError, changed
+from sidestep.agent.presets import PRESETS, preset
+from sidestep.environment.rollout import Walk
 from sidestep.environment.types import LEVELS
-from sidestep.environment.walk import Walk
 from sidestep.planners.base import Planner, walk_plan
-from sidestep.planners.darp import train_darp
-from sidestep.planners.search import Clairvoyant
+from sidestep.planners.learned import train_darp
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios.catalogue import BUILT_IN, scenario
+from sidestep.planners.time_dependent import Clairvoyant
+from sidestep.scenarios.builtin import BUILT_IN, scenario
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
-from sidestep.scenarios.worlds import instances, make_environment
 
 
 def test_the_paper_preset_is_the_papers_numbers() -> None:

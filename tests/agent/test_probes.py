@@ -11,16 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.agent.config import PRESETS, TrainConfig
+from sidestep.agent.config import TrainConfig
+from sidestep.agent.presets import PRESETS
 from sidestep.agent.train import RoundReport, start, train_round
+from sidestep.crowds.arima import load_fitted
+from sidestep.crowds.base import ArimaFlow
 from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.types import EnvParams, Instance, Observation
-from sidestep.flow.arima import load_fitted
-from sidestep.flow.field import ArimaFlow
 from sidestep.network.graph import road_network
-from sidestep.scenarios.catalogue import scenario
+from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import CrowdedMap
-from sidestep.travel_time import speed_field
+from sidestep.walking.speed_field import speed_field
 
 METRES = 60.0  # of every street
 Crowds = tuple[float, ...]  # minutes in each crowd

@@ -14,14 +14,17 @@ import pytest
 
 from sidestep.agent import train as training
 from sidestep.agent.checkpoint import TrainingRun
-from sidestep.agent.config import PRESETS, TrainConfig, preset
-from sidestep.agent.qnetwork import DuelingQNetwork, Linear
+from sidestep.agent.config import TrainConfig
+from sidestep.agent.presets import PRESETS, preset
+from sidestep.agent.q_networks import DuelingQNetwork, Linear
 from sidestep.agent.td import mask
 from sidestep.agent.train import RoundReport, TrainState, Transition, _td_error, optimiser, train
 from sidestep.environment.types import EnvParams, Observation, RewardWeights
-from sidestep.scenarios.catalogue import Scenario, scenario
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import destinations
+from sidestep.scenarios.futures import new_crowds, put_crowds
 from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map
-from sidestep.scenarios.worlds import destinations, new_crowds, put_crowds
+from sidestep.scenarios.model import Scenario
 
 # --- The optimiser --------------------------------------------------------------------------------------------------
 

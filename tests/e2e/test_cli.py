@@ -11,7 +11,7 @@ import time
 import pytest
 from cyclopts import CycloptsError
 
-from sidestep import cli
+from sidestep.cli import app as cli
 from sidestep.errors import SidestepError
 
 
@@ -68,7 +68,7 @@ def test_help_names_all_commands(sidestep):
 
 def test_help_loads_nothing_heavy():
     loaded = subprocess.run(
-        [sys.executable, "-c", "import sys, sidestep, sidestep.cli; print(*sys.modules)"],
+        [sys.executable, "-c", "import sys, sidestep, sidestep.cli.app; print(*sys.modules)"],
         capture_output=True,
         text=True,
     ).stdout.split()

@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidestep.agent.config import preset_for
-from sidestep.evaluation.compare import BASELINES, REPLANNING, choose, compare
-from sidestep.flow.table import load_crowd_table, read_table, save_crowd_table
-from sidestep.flow.tabled import TableFlow
-from sidestep.network.io import save_town
+from sidestep.agent.presets import preset_for
+from sidestep.crowds.crowd_table import load_crowd_table, read_table, save_crowd_table
+from sidestep.crowds.table import TableFlow
+from sidestep.evaluation.compare import compare
+from sidestep.network.formats import save_town
 from sidestep.network.town import Town
-from sidestep.scenarios.catalogue import Scenario, ScenarioError, Venue, scenario
+from sidestep.planners.registry import BASELINES, REPLANNING, choose
+from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.scenario_file import load_scenario
+from sidestep.scenarios.model import Scenario, ScenarioError, Venue
+from sidestep.scenarios.reader import load_scenario
 
 SIDE = 4
 

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from sidestep import cli
+from sidestep.cli import app as cli
 from sidestep.errors import SidestepError
-from sidestep.network.io import load_town
+from sidestep.network.formats import load_town
 
 TOWN = """<osm version="0.6">
 <node id="1" lat="60.1" lon="24.9"/><node id="2" lat="60.101" lon="24.9"/><node id="3" lat="60.102" lon="24.9"/>

@@ -9,7 +9,7 @@ import sys
 import pytest
 from cyclopts import CycloptsError
 
-from sidestep import cli
+from sidestep.cli import app as cli
 from sidestep.errors import SidestepError
 
 ENDS = ("--from", "60.1699,24.9384", "--to", "60.1665,24.9440")

@@ -8,7 +8,7 @@ import pytest
 
 from sidestep.environment.types import EnvParams
 from sidestep.network.grid import grid_network
-from sidestep.travel_time import speed_field
+from sidestep.walking.speed_field import speed_field
 
 
 @pytest.fixture(scope="session")

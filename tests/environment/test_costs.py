@@ -10,18 +10,21 @@ import pytest
 from sidestep.environment.costs import cross, crossings
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.knowledge import live_to_go, usual_to_go
-from sidestep.environment.types import FORBIDDEN, EnvParams, Objective
-from sidestep.environment.walk import walk
+from sidestep.environment.rollout import walk
+from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.grid import grid_network
 from sidestep.planners.base import walk_plan
-from sidestep.planners.greedy import GreedyMap
-from sidestep.planners.search import Clairvoyant, Expected
-from sidestep.scenarios.catalogue import scenario
+from sidestep.planners.reactive import GreedyMap
+from sidestep.planners.time_dependent import Clairvoyant, Expected
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.worlds import instances, make_environment
-from sidestep.travel_time import SpeedField, exposure_in, speed_field
-from sidestep.waiting import Waits
+from sidestep.walking.crossing_time import exposure_in
+from sidestep.walking.objective import FORBIDDEN, Objective
+from sidestep.walking.speed_field import SpeedField, speed_field
+from sidestep.walking.waits import Waits
 
 KEY = jax.random.key(0)
 SLOT = 100.0

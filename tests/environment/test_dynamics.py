@@ -11,7 +11,8 @@ from scipy.stats import chisquare
 from sidestep.environment.dynamics import existing_exit, random_exit, reset, step
 from sidestep.environment.observation import observe
 from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Outcome, RewardWeights
-from sidestep.travel_time import crossing_time, speed_field
+from sidestep.walking.crossing_time import crossing_time
+from sidestep.walking.speed_field import speed_field
 
 
 def take(params: EnvParams, instance: Instance, *actions: int) -> tuple[EnvState, Outcome]:

@@ -15,7 +15,8 @@ from sidestep.environment.types import LEVELS, TRAIL, EnvParams, EnvState, Insta
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
 from sidestep.planners.shortest_path import distances_to
-from sidestep.travel_time import FREE_SPEED, SpeedField, speed_field
+from sidestep.walking.speed_field import SpeedField, speed_field
+from sidestep.walking.speed_laws import FREE_SPEED
 
 CLOSE = dict(rtol=1e-5, atol=0.02)  # s; twice what counts as settled
 SLOT = 300.0

@@ -10,16 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from sidestep.crowds.base import FlowField
+from sidestep.crowds.interpolation import Spread, spread_along
 from sidestep.environment.knowledge import usual_to_go
 from sidestep.environment.observation import EMPTY, observe
+from sidestep.environment.rollout import walk
 from sidestep.environment.types import HEAVIER, EnvParams, EnvState, Instance, Observation, field_of, walking_speeds
-from sidestep.environment.walk import walk
-from sidestep.flow.field import FlowField
 from sidestep.network.graph import road_network
 from sidestep.network.grid import grid_network
-from sidestep.network.spread import Spread, spread_along
-from sidestep.scenarios.worlds import put_crowds
-from sidestep.travel_time import SensedSpeeds, Weidmann, crossing_time_in, speed_field
+from sidestep.scenarios.futures import put_crowds
+from sidestep.walking.crossing_time import crossing_time_in
+from sidestep.walking.speed_field import SensedSpeeds, speed_field
+from sidestep.walking.speed_laws import Weidmann
 
 SLOT = 300.0
 LAW = Weidmann()

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from sidestep.evaluation import compare as comparing
-from sidestep.evaluation.compare import BASELINES, REPLANNING, Comparison, PlannerError, choose, compare
-from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL
+from sidestep.evaluation.compare import Comparison, compare
 from sidestep.planners.base import routes, walk_plan
-from sidestep.planners.random_walk import RandomWalk
-from sidestep.scenarios.catalogue import scenario
+from sidestep.planners.random import RandomWalk
+from sidestep.planners.registry import BASELINES, BOUND, REFERENCE, REPLANNING, RIVAL, PlannerError, choose
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
-from sidestep.scenarios.worlds import instances, make_environment
 
 # Twelve slots; a random walk often needs more than the hour.
 TINY = scenario("paper-congested", side=3, crowded_nodes=1, horizon=3600.0)

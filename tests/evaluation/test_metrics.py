@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, cells, spread, summarise
+from sidestep.evaluation.metrics import Record, cells, spread, summarise
+from sidestep.planners.registry import BOUND, REFERENCE, RIVAL
 
 
 def record(minutes: list[list[float]], arrived: list[list[bool]] | None = None, level: str = "map") -> Record:

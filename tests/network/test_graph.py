@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.flow.field import FlowField
+from sidestep.crowds.base import FlowField
 from sidestep.network.graph import NetworkError, RoadNetwork, road_network
 
 CORNERS = np.array([[0, 0], [300, 0], [0, 400]])

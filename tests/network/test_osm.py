@@ -10,8 +10,8 @@ import osmium
 import pytest
 
 from sidestep.network.osm import OsmError, import_osm
+from sidestep.network.tags import WidthError
 from sidestep.network.town import Town, course_lengths, metres_between
-from sidestep.network.walkable import WidthError
 
 FOOT = {"highway": "footway"}
 CROSSING, LIGHTS = {"highway": "crossing"}, {"highway": "traffic_signals"}

@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.planners.base import Plan, walk_plan
-from sidestep.planners.random_walk import RandomProgress, RandomWalk
-from sidestep.planners.search import Clairvoyant, Expected
+from sidestep.planners.random import RandomProgress, RandomWalk
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios.catalogue import LAWS, scenario
+from sidestep.planners.time_dependent import Clairvoyant, Expected
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.worlds import make_environment
+from sidestep.scenarios.model import LAWS
 
 SIDE, WALKS, FUTURES = 4, 8, 3
 TOLERANCE = 1e-4

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sidestep.network.io import load_town, save_town
+from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import OsmError, import_osm
 from sidestep.network.town import Town, TownError, course_lengths, metres_between
 

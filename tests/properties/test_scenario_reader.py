@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sidestep.errors import SidestepError
-from sidestep.scenarios.catalogue import Scenario
-from sidestep.scenarios.scenario_file import _FIELDS, _TOP, load_scenario
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.reader import _FIELDS, _TOP, load_scenario
 from sidestep.scenarios.template import template
 
 TEMPLATE = template("town")

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pyarrow import parquet
 
-from sidestep.flow.table import MOST_CELLS, load_crowd_table, read_table, save_crowd_table
-from sidestep.flow.tabled import TableFlow
-from sidestep.flow.tablefile import TableError
+from sidestep.crowds.crowd_table import MOST_CELLS, load_crowd_table, read_table, save_crowd_table
+from sidestep.crowds.table import TableFlow
+from sidestep.crowds.table_columns import TableError
 from sidestep.network.town import Town
 
 SUFFIXES = [".csv", ".parquet", ".npz"]

@@ -18,8 +18,8 @@ from sidestep.agent.train import QNetwork, TrainState, fresh_network, learned_pl
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
 from sidestep.network.graph import RoadNetwork, road_network
-from sidestep.scenarios.catalogue import Scenario
 from sidestep.scenarios.maps import draw_training_map, fingerprint
+from sidestep.scenarios.model import Scenario
 
 FORMAT = 4
 MODEL = "model.eqx"

@@ -14,28 +14,21 @@ from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.agent import replay as memory
 from sidestep.agent.config import TrainConfig, TrainConfigError
-from sidestep.agent.qnetwork import DuelingQNetwork, QTable, dueling_network
+from sidestep.agent.q_networks import DuelingQNetwork, QTable, dueling_network
 from sidestep.agent.replay import Replay
-from sidestep.agent.segments import SegmentQNetwork, segment_network
+from sidestep.agent.segment_network import SegmentQNetwork, segment_network
 from sidestep.agent.td import double_q_learning, mask, q_learning
 from sidestep.environment.dynamics import random_exit, reset, step
 from sidestep.environment.instances import DRAWS, InstanceSampler
 from sidestep.environment.observation import observe
+from sidestep.environment.rollout import Decide, walk
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
-from sidestep.environment.walk import Decide, walk
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
-from sidestep.scenarios.catalogue import Scenario
+from sidestep.scenarios.episodes import goals_of, instances, sampler, set_out
+from sidestep.scenarios.futures import make_environment, new_crowds, put_crowds
 from sidestep.scenarios.maps import CrowdedMap, draw_training_map, purpose_key
-from sidestep.scenarios.worlds import (
-    goals_of,
-    instances,
-    make_environment,
-    new_crowds,
-    put_crowds,
-    sampler,
-    set_out,
-)
+from sidestep.scenarios.model import Scenario
 
 QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
 WORTH_SECONDS, WORTH_SECONDS_LIVE = 3.0, 30.0  # the latter against forecasts from counts, which are nearly exact

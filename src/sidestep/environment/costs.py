@@ -6,8 +6,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sidestep.environment.types import Crossing, EnvParams, Objective
-from sidestep.travel_time import SpeedField, crossing_time_in, crossing_times_at, exposure_in
+from sidestep.environment.types import Crossing, EnvParams
+from sidestep.walking.crossing_time import crossing_time_in, crossing_times_at, exposure_in
+from sidestep.walking.objective import Objective
+from sidestep.walking.speed_field import SpeedField
 
 
 def unlit(params: EnvParams) -> EnvParams:

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from sidestep.environment.cost_to_go import at_clock, cost_to_go, unchanging_to_go
 from sidestep.environment.costs import crossings, standing, unlit, waiting
-from sidestep.environment.potentials import at_clock, cost_to_go, unchanging_to_go
 from sidestep.environment.types import HEAVIER, EnvParams, Instance, LiveToGo, UsualToGo
 from sidestep.network.graph import ABSENT
-from sidestep.travel_time import SensedSpeeds, SpeedField, Speeds
+from sidestep.walking.speed_field import SensedSpeeds, SpeedField, Speeds
 
 WINDOW = 24  # slots that a forecast looks ahead; beyond, crowds are taken to be as usual
 Ahead = Callable[

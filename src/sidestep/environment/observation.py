@@ -5,20 +5,11 @@ from dataclasses import replace
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from sidestep.environment.cost_to_go import at_clock
 from sidestep.environment.costs import standing, waiting
-from sidestep.environment.potentials import at_clock
-from sidestep.environment.types import (
-    TRAIL,
-    Crossing,
-    EnvParams,
-    EnvState,
-    Live,
-    Local,
-    Observation,
-    Seen,
-    Usual,
-)
-from sidestep.travel_time import FREE_SPEED, SensedSpeeds, Speeds
+from sidestep.environment.types import TRAIL, Crossing, EnvParams, EnvState, Live, Local, Observation, Seen, Usual
+from sidestep.walking.speed_field import SensedSpeeds, Speeds
+from sidestep.walking.speed_laws import FREE_SPEED
 
 EMPTY = 0.02  # persons/m² that make no difference
 

@@ -12,41 +12,20 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.environment.dynamics import reset
 from sidestep.environment.observation import at_level
 from sidestep.environment.types import LEVELS, EnvParams, Instance
-from sidestep.errors import SidestepError
-from sidestep.evaluation.metrics import BOUND, REFERENCE, RIVAL, Record, Row, Tally, joined, summarise, tally_of
-from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
-from sidestep.planners.greedy import Forecast, GreedyLocal, GreedyMap, Snapshot
-from sidestep.planners.random_walk import RandomProgress, RandomWalk
-from sidestep.planners.search import Clairvoyant, Expected
-from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios import worlds
-from sidestep.scenarios.catalogue import Scenario
-from sidestep.scenarios.maps import CrowdedMap, draw_map, purpose_key
-from sidestep.scenarios.worlds import instances, make_environment
+from sidestep.evaluation.metrics import Record, Row, Tally, joined, summarise, tally_of
+from sidestep.evaluation.timing import decision_seconds
+from sidestep.planners.base import Planner, walk_plan
+from sidestep.planners.registry import RIVAL, PlannerError, PlannerFactory
+from sidestep.scenarios import episodes
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
+from sidestep.scenarios.maps import draw_map, purpose_key
+from sidestep.scenarios.model import Scenario
 
 CHUNK = 200  # walks whose futures are held in memory at a time
 TOWN_CHUNK = 50  # the same where each has a destination of its own
-PlannerFactory = Callable[[CrowdedMap, int], Planner | None]  # for map and its number; None skips this map and later
-BASELINES: dict[str, PlannerFactory] = {
-    RandomWalk.name: lambda *_: RandomWalk(),
-    RandomProgress.name: lambda *_: RandomProgress(),
-    ShortestPath.name: lambda *_: ShortestPath(),
-    Expected.name: lambda *_: Expected(),
-    Clairvoyant.name: lambda *_: Clairvoyant(),
-}
-REPLANNING: dict[str, PlannerFactory] = {
-    GreedyLocal.name: lambda *_: GreedyLocal(),
-    GreedyMap.name: lambda *_: GreedyMap(),
-    Snapshot.name: lambda *_: Snapshot(),
-    Forecast.name: lambda *_: Forecast(),
-}
-
-
-class PlannerError(SidestepError):
-    """A planner that is not known."""
 
 
 @dataclass(frozen=True)
@@ -106,15 +85,6 @@ class Comparison:
         }
 
 
-def choose(names: Iterable[str], factories: Mapping[str, PlannerFactory]) -> dict[str, PlannerFactory]:
-    """Pick planners by name; the three that the others are measured against are always among them."""
-    wanted = list(dict.fromkeys([*names, REFERENCE, RIVAL, BOUND]))
-    for name in wanted:
-        if name not in factories:
-            raise PlannerError(f"unknown planner {name!r}; there are {', '.join(factories)}")
-    return {name: factory for name, factory in factories.items() if name in wanted}
-
-
 def compare(
     scenario: Scenario,
     planners: Mapping[str, PlannerFactory],
@@ -129,7 +99,7 @@ def compare(
     """Compare planners on the maps of these numbers, with ``walks`` walks on each.
 
     Walks go from corner to corner, or from anywhere to so many ``destinations`` in turn (those of
-    :func:`sidestep.scenarios.worlds.goals_of`). Maps are independent and run on ``workers`` threads, which share
+    :func:`sidestep.scenarios.episodes.goals_of`). Maps are independent and run on ``workers`` threads, which share
     one compiled program. Results do not depend on their number. ``on_map`` is called as each map is done.
     """
     if not maps or walks < 1 or workers < 1:
@@ -187,10 +157,10 @@ def walk_map(
     parts = math.ceil(walks / (min(TOWN_CHUNK, place.network.nodes - 1) if pairs else CHUNK))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
-        goals = None if destinations is None else worlds.goals_of(place, destinations)
+        goals = None if destinations is None else episodes.goals_of(place, destinations)
         if pairs:
-            goals = worlds.anywhere_to_anywhere(place, size, part)
-        here = place if goals is None else worlds.set_out(scenario, place, goals, part * size)
+            goals = episodes.anywhere_to_anywhere(place, size, part)
+        here = place if goals is None else episodes.set_out(scenario, place, goals, part * size)
         params = make_environment(scenario, here, "test", size, level=level, goals=goals, part=part)
         todo = instances(scenario, here, params, size, first=part * size, goals=goals)
         key = purpose_key(place, "test")
@@ -219,7 +189,7 @@ def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array)
     planning = perf_counter() - began
     walked = walk_plan(planner, params, plan, todo, key)
     decisions = max(int(np.sum(walked.steps)), 1)
-    each = _decision_seconds(planner, at_level(params, planner.sees), plan, todo, key)
+    each = decision_seconds(planner, at_level(params, planner.sees), plan, todo, key)
     return Walked(
         planner,
         np.asarray(walked.seconds, np.float64) / 60,
@@ -227,21 +197,3 @@ def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array)
         1e6 * (planning / decisions + each),
         tally_of(walked),
     )
-
-
-def _decision_seconds(planner: Planner, params: EnvParams, plan: Plan, todo: Instance, key: jax.Array) -> float:
-    """Seconds that one decision takes in a batch of one for each walk, all at their origins."""
-    decide = partial(_decide_all, planner.decide, params, plan, todo, key)
-    decide().block_until_ready()
-    began = perf_counter()
-    decide().block_until_ready()
-    return (perf_counter() - began) / todo.origin.shape[0]
-
-
-@partial(jax.jit, static_argnames="decide")
-def _decide_all(decide: DecideByPlan, params: EnvParams, plan: Plan, todo: Instance, key: jax.Array) -> jax.Array:
-    def one(own: object, instance: Instance) -> jax.Array:
-        _, observation = reset(params, instance)
-        return decide(plan.shared, own, observation, key)
-
-    return jax.vmap(one)(plan.own, todo)

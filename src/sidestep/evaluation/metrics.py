@@ -8,11 +8,11 @@ from typing import NotRequired, TypedDict
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sidestep.environment.rollout import Walk
 from sidestep.environment.types import Level
-from sidestep.environment.walk import Walk
+from sidestep.planners.registry import BOUND, REFERENCE, RIVAL
 
 RESAMPLES = 2_000
-REFERENCE, BOUND, RIVAL = "shortest-path", "clairvoyant", "expected"  # rows that the others are set against
 
 
 @dataclass(frozen=True)

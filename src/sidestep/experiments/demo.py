@@ -5,16 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
-from sidestep.agent.config import PRESETS
-from sidestep.evaluation.compare import BASELINES, Comparison, compare
-from sidestep.experiments import figures
+from sidestep import plotting
+from sidestep.agent.presets import PRESETS
+from sidestep.evaluation.compare import Comparison, compare
 from sidestep.planners.base import routes
-from sidestep.planners.darp import Darp, OnRound, train_darp
-from sidestep.planners.search import Clairvoyant
+from sidestep.planners.learned import Darp, OnRound, train_darp
+from sidestep.planners.registry import BASELINES
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.scenarios.catalogue import scenario
+from sidestep.planners.time_dependent import Clairvoyant
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
-from sidestep.scenarios.worlds import instances, make_environment
 
 SCENARIO = "paper-congested"
 WALKS = 200
@@ -44,5 +46,5 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     }
     picture = out / "map.png"
     title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
-    figures.save(figures.crowded_map(title, params, np.asarray(place.flow.expected(1).counted[0]), shown), picture)
+    plotting.save(plotting.crowded_map(title, params, np.asarray(place.flow.expected(1).counted[0]), shown), picture)
     return Demonstration(comparison, darp, picture)

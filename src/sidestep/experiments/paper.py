@@ -55,15 +55,18 @@ from pathlib import Path
 
 import numpy as np
 
-from sidestep.agent.config import PRESETS
-from sidestep.evaluation.compare import BASELINES, Comparison, Results, Walked, compare
-from sidestep.experiments import figures, report
+from sidestep import plotting
+from sidestep.agent.presets import PRESETS
+from sidestep.evaluation.compare import Comparison, Results, Walked, compare
+from sidestep.experiments import report
 from sidestep.files import write_text
 from sidestep.planners.base import Planner
-from sidestep.planners.darp import Darp, train_darp
-from sidestep.scenarios.catalogue import Flows, Scenario, scenario
+from sidestep.planners.learned import Darp, train_darp
+from sidestep.planners.registry import BASELINES
+from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import CrowdedMap
-from sidestep.travel_time import CrossingRule
+from sidestep.scenarios.model import Flows, Scenario
+from sidestep.walking.crossing_time import CrossingRule
 
 CONDITIONS = {"unblocked": "paper-unblocked", "congested": "paper-congested"}
 FLOWS: tuple[Flows, ...] = ("arima", "forecast")
@@ -95,7 +98,7 @@ class Condition:
     """One condition with one kind of flow, compared, and the learning curves of both presets."""
 
     comparison: Comparison
-    curves: dict[str, figures.Curve]
+    curves: dict[str, plotting.Curve]
 
 
 def reproduce(
@@ -151,11 +154,11 @@ def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable
         on_map=collect,
     )
     steps = {Darp.name: PRESETS["default"].round_steps, LITERAL: PRESETS["paper"].round_steps}
-    return Condition(comparison, {name: figures.Curve(np.stack(found), steps[name]) for name, found in curves.items()})
+    return Condition(comparison, {name: plotting.Curve(np.stack(found), steps[name]) for name, found in curves.items()})
 
 
-def _draw(key: str, compared: Results, curves: dict[str, figures.Curve], path: Path) -> None:
+def _draw(key: str, compared: Results, curves: dict[str, plotting.Curve], path: Path) -> None:
     flows = "ARIMA noise" if compared["flows"] == "arima" else "forecast only"
     title = f"{key.partition('_')[0].capitalize()} streets ({flows}), {compared['maps']} maps"
     lines = {name: compared["planners"][name]["mean_minutes"] for name in LINES}
-    figures.save(figures.learning_curves(title, curves, lines), path)
+    plotting.save(plotting.learning_curves(title, curves, lines), path)

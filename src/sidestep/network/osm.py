@@ -17,7 +17,8 @@ from jaxtyping import Float64, Int, Int8, Int64
 
 from sidestep.errors import SidestepError
 from sidestep.files import reason
-from sidestep.network import simplify, walkable
+from sidestep.network import simplify
+from sidestep.network import tags as walkable
 from sidestep.network.simplify import Streets
 from sidestep.network.town import EARTH_RADIUS, Town, course_lengths
 
@@ -83,7 +84,7 @@ def import_osm(
     """Read the streets that people walk from an OpenStreetMap file.
 
     Ways are split where they meet and where an extract cut nodes off; of what remains, the largest part in which
-    everybody gets everywhere is kept. `sidestep.network.walkable` says what is walked and how wide it is,
+    everybody gets everywhere is kept. `sidestep.network.tags` says what is walked and how wide it is,
     `sidestep.network.simplify` what happens to the crossings.
 
     Parameters

@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Int, Key, PyTree
 from sidestep.environment.dynamics import random_exit
 from sidestep.environment.knowledge import check_known
 from sidestep.environment.observation import at_level
+from sidestep.environment.rollout import Walk, walk
 from sidestep.environment.types import EnvParams, Instance, Level, Observation, Seen
-from sidestep.environment.walk import Walk, walk
 
 
 class Plan(eqx.Module):

@@ -10,18 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.flow.arima import change_step, load_fitted
-from sidestep.flow.field import ArimaFlow, FlowModel
-from sidestep.flow.rush import RushFlow, ShiftingFlow
-from sidestep.flow.sensors import SensorFlow
-from sidestep.flow.tabled import TableFlow
+from sidestep.crowds.arima import change_step, load_fitted
+from sidestep.crowds.base import ArimaFlow, FlowModel
+from sidestep.crowds.interpolation import Spread
+from sidestep.crowds.rush import RushFlow, ShiftingFlow
+from sidestep.crowds.sensors import SensorFlow
+from sidestep.crowds.table import TableFlow
 from sidestep.network.graph import RoadNetwork, side_by_side
 from sidestep.network.grid import grid_network
 from sidestep.network.splice import Spliced
-from sidestep.network.spread import Spread
-from sidestep.scenarios.catalogue import Scenario, ScenarioError
-from sidestep.scenarios.towns import town_crowds
-from sidestep.waiting import Waits
+from sidestep.scenarios.build import town_crowds
+from sidestep.scenarios.model import Scenario, ScenarioError
+from sidestep.walking.waits import Waits
 
 Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)

@@ -2,8 +2,8 @@
 
 from dataclasses import fields
 
-from sidestep.environment.types import Objective
-from sidestep.scenarios.catalogue import ScenarioError
+from sidestep.scenarios.model import ScenarioError
+from sidestep.walking.objective import Objective
 
 # Exposure counts a hundredth of time as well: ways on which nobody is met would otherwise all be the same.
 WORDS = {
@@ -17,7 +17,7 @@ WEIGHTS = tuple(field.name for field in fields(Objective))
 def read_objective(text: str) -> Objective | None:
     """``time``, ``distance``, ``exposure``, or weights such as ``exposure=0.5,max_density=4``; None is time alone.
 
-    Time has a weight of 1 unless another is given. :class:`sidestep.environment.types.Objective` has the units.
+    Time has a weight of 1 unless another is given. :class:`sidestep.walking.objective.Objective` has the units.
 
     Raises
     ------

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from sidestep.flow.profile import time_of_week
-from sidestep.flow.table import MOST_CELLS, CrowdTable, read_table
-from sidestep.flow.tabled import TableFlow
+from sidestep.crowds.crowd_table import MOST_CELLS, CrowdTable, read_table
+from sidestep.crowds.profile import time_of_week
+from sidestep.crowds.table import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
-from sidestep.scenarios.catalogue import DAYS, LAWS, Law, ScenarioError, Venue
-from sidestep.travel_time import DENSEST, density_at_speed
+from sidestep.scenarios.model import DAYS, LAWS, Law, ScenarioError, Venue
+from sidestep.walking.speed_laws import DENSEST, density_at_speed
 
 DENSE, JAMMED = 1.0, 4.0  # persons/m²: where people begin to slow down, and where they hardly move
 

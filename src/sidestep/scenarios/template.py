@@ -6,7 +6,8 @@ import shutil
 from pathlib import Path
 
 from sidestep.files import OutputError, reason
-from sidestep.scenarios.catalogue import BUILT_IN, ScenarioError
+from sidestep.scenarios.builtin import BUILT_IN
+from sidestep.scenarios.model import ScenarioError
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 

@@ -1,0 +1,304 @@
+"""The paper's model of one street's pedestrian flow: ARIMA(p, d, q), eqs. arima_1 to arima_5.
+
+Fitted by statsmodels (imported late, and only here), simulated and forecast in JAX by one recursion. All functions of
+the JAX half are pure; they may be jitted and vmapped, over the model's numbers too.
+"""
+
+import json
+import math
+import warnings
+from importlib.resources import files
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from sidestep.errors import SidestepError
+
+_SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
+_MOST_DIFFERENCES = 2
+_KPSS_LEVEL = 0.05
+
+
+class SeriesError(SidestepError):
+    """A series that a model cannot be fitted to, or a model that cannot do what is asked."""
+
+
+class Arima(eqx.Module):
+    """(1 - sum ar_k B^k) ((1 - B)^d y - mean) = (1 - sum ma_k B^k) e, with e ~ N(0, sigma^2).
+
+    `ar` and `ma` have the paper's signs (lambda and mu of eqs. arima_4 and arima_5); statsmodels' MA has the opposite.
+    """
+
+    ar: Float[Array, " p"]
+    ma: Float[Array, " q"]
+    mean: Float[Array, ""]  # of the d times differenced series; 0 if d > 0
+    sigma: Float[Array, ""]  # standard deviation of the innovations, persons
+    d: int = eqx.field(static=True, default=0)
+    step: float = eqx.field(static=True, default=3600.0)  # seconds from one value to the next
+
+
+# --- Simulating and forecasting -------------------------------------------------------------------------------------
+
+# The p + d last values and the q last innovations, newest first.
+_State = tuple[Float[Array, "order *batch"], Float[Array, "q *batch"]]
+
+
+def _coefficients(model: Arima) -> Float[Array, " order"]:
+    """Make differencing a recursion on the levels: (1 - sum ar_k B^k)(1 - B)^d = 1 - sum phi_k B^k."""
+    polynomial = jnp.concatenate([jnp.ones(1), -model.ar])
+    for _ in range(model.d):
+        polynomial = jnp.convolve(polynomial, jnp.array([1.0, -1.0]))
+    return -polynomial[1:]
+
+
+def _expected(model: Arima, state: _State) -> Float[Array, " *batch"]:
+    """Conditional mean of the next value."""
+    values, shocks = state
+    phi = _coefficients(model)
+    mean = jnp.broadcast_to(model.mean * (1 - model.ar.sum()), values.shape[1:])
+    # Sums over the few lags, written out, fuse into one loop over the segments; a matrix product would not.
+    for k in range(values.shape[0]):
+        mean = mean + phi[k] * values[k]
+    for k in range(shocks.shape[0]):
+        mean = mean - model.ma[k] * shocks[k]
+    return mean
+
+
+def _push(rows: Float[Array, "rows *batch"], newest: Float[Array, " *batch"]) -> Float[Array, "rows *batch"]:
+    # A state keeps its type, whatever mixture of precisions goes in.
+    return jnp.concatenate([newest[None].astype(rows.dtype), rows])[: rows.shape[0]]
+
+
+def _observe(model: Arima, state: _State, observed: Float[Array, " *batch"]) -> tuple[_State, Float[Array, " *batch"]]:
+    """Take in one value and return what had been expected; a missing one (NaN) is taken to be as expected."""
+    values, shocks = state
+    expected = _expected(model, state)
+    value = jnp.where(jnp.isnan(observed), expected, observed)
+    return (_push(values, value), _push(shocks, value - expected)), expected
+
+
+def _start(model: Arima, history: Float[Array, "lag *batch"]) -> _State:
+    """The state before the second row of a history: as if its oldest value had always been there."""
+    observed = ~jnp.isnan(history)
+    oldest = jnp.take_along_axis(history, jnp.argmax(observed, axis=0, keepdims=True), axis=0)[0]
+    oldest = jnp.where(jnp.isnan(oldest), model.mean, oldest)  # nothing observed at all
+    dtype = jnp.result_type(float, oldest)
+    values = jnp.broadcast_to(oldest.astype(dtype), (model.ar.shape[0] + model.d, *oldest.shape))
+    return values, jnp.zeros((model.ma.shape[0], *oldest.shape), dtype)
+
+
+def latent(
+    model: Arima, history: Float[Array, "lag *batch"], innovations: Float[Array, "slot *batch"]
+) -> Float[Array, "slot *batch"]:
+    """Continue a series; like `simulate`, but values may be negative."""
+    state = _start(model, history)
+    if history.shape[0] > 1:
+        state, _ = jax.lax.scan(lambda s, value: _observe(model, s, value), state, history[1:])
+
+    def advance(state: _State, innovation: Float[Array, " *batch"]) -> tuple[_State, Float[Array, " *batch"]]:
+        values, shocks = state
+        shock = model.sigma * innovation
+        value = _expected(model, state) + shock
+        return (_push(values, value), _push(shocks, shock)), value
+
+    _, path = jax.lax.scan(advance, state, innovations)
+    return path
+
+
+def simulate(
+    model: Arima, history: Float[Array, "lag *batch"], innovations: Float[Array, "slot *batch"]
+) -> Float[Array, "slot *batch"]:
+    """Volumes that follow on a history, never negative.
+
+    Only the returned numbers are cut at zero. The recursion behind them stays free: cutting it too would push the mean
+    up and change the correlation from slot to slot, and the model would no longer be the one that was fitted.
+
+    Parameters
+    ----------
+    history
+        Volumes so far, oldest first, persons; NaN where unknown. p + d rows tell an ARIMA(p, d, 0) everything; before
+        a shorter history the oldest value is repeated. One row will do for an AR(1). With q > 0 a longer history tells
+        more about the past innovations, which are recovered from it (they count as zero before it).
+    innovations
+        Standard normal numbers, one a slot; scaled by `model.sigma` here.
+
+    Returns
+    -------
+    volumes
+        One row for each row of `innovations`, the first of them one step after the history's last.
+    """
+    return jnp.maximum(latent(model, history, innovations), 0.0)
+
+
+def forecast(model: Arima, history: Float[Array, "lag *batch"], slots: int) -> Float[Array, "slots *batch"]:
+    """The most likely volumes of the next `slots` steps: `simulate` without innovations."""
+    return simulate(model, history, jnp.zeros((slots, *history.shape[1:])))
+
+
+def one_step(model: Arima, series: Float[Array, "hour *batch"]) -> Float[Array, "hour *batch"]:
+    """Forecast each value from all values before it; NaN as long as nothing has been observed."""
+    return jnp.maximum(latent_one_step(model, series), 0.0)
+
+
+def latent_one_step(model: Arima, series: Float[Array, "hour *batch"]) -> Float[Array, "hour *batch"]:
+    """Like `one_step`, but forecasts may be negative."""
+    _, expected = jax.lax.scan(lambda s, value: _observe(model, s, value), _start(model, series), series[1:])
+    seen = jnp.cumsum(~jnp.isnan(series[:-1]), axis=0) > 0
+    nothing = jnp.full((1, *series.shape[1:]), jnp.nan)
+    return jnp.concatenate([nothing, jnp.where(seen, expected, jnp.nan)])
+
+
+def change_step(model: Arima, step: float) -> Arima:
+    """The same process, looked at every `step` seconds: exact for an AR(1).
+
+    With r = step / model.step, phi becomes phi^r and the innovation variance sigma^2 (1 - phi^2r) / (1 - phi^2). The
+    values keep their unit: a rate in persons/h sampled more often is still in persons/h.
+
+    Raises
+    ------
+    SeriesError
+        If the model is no AR(1) with 0 < phi < 1 (others change their form with the step, or have no finer one),
+        or `step` is not positive.
+    """
+    if not (math.isfinite(step) and step > 0):
+        raise SeriesError(f"the step must be a positive number of seconds, not {step}")
+    order = (model.ar.shape[0], model.d, model.ma.shape[0])
+    if order != (1, 0, 0):
+        raise SeriesError(f"only an ARIMA(1, 0, 0) keeps its form when the step changes; this one is {order}")
+    phi = float(np.asarray(model.ar)[0])
+    if not 0 < phi < 1:
+        raise SeriesError(f"an AR(1) with coefficient {phi:g} has no form at other steps; it must lie between 0 and 1")
+    r = step / model.step
+    sigma = float(model.sigma) * math.sqrt((1 - phi ** (2 * r)) / (1 - phi**2))
+    return Arima(
+        ar=jnp.array([phi**r]), ma=model.ma, mean=model.mean, sigma=jnp.array(sigma, dtype=float), d=0, step=float(step)
+    )
+
+
+# --- Fitting --------------------------------------------------------------------------------------------------------
+
+
+def fit_arima(
+    series: Float[np.ndarray, " hour"], p: int = 1, d: int | None = None, q: int = 0, step: float = 3600.0
+) -> Arima:
+    """Maximum-likelihood ARIMA(p, d, q) of a series with gaps (NaN), by statsmodels' state-space filter.
+
+    Parameters
+    ----------
+    series
+        Equally spaced values, persons; NaN where missing.
+    d
+        How many times to difference; None lets `choose_d` decide.
+    step
+        Seconds between two values.
+
+    Raises
+    ------
+    SeriesError
+        If the order is impossible, the series is too short, infinite or constant, or the fit does not converge.
+    """
+    if p < 0 or q < 0 or not (d is None or 0 <= d <= _MOST_DIFFERENCES):
+        raise SeriesError(f"ARIMA({p}, {d}, {q}): p and q must not be negative, d must be 0, 1 or 2")
+    _check(series, enough=_SHORTEST + 10 * (p + q))
+    d = choose_d(series) if d is None else d
+    if np.nanstd(np.diff(series, n=d)) == 0:
+        raise SeriesError(f"the series does not vary after differencing {d} times; no ARIMA can be fitted")
+
+    from statsmodels.tools.sm_exceptions import ConvergenceWarning  # type: ignore[import-untyped]
+    from statsmodels.tsa.arima.model import ARIMA  # type: ignore[import-untyped]
+
+    scale = float(np.nanstd(series))  # the optimiser is made for numbers near one
+    problem = ARIMA(series / scale, order=(p, d, q), trend="n" if d else "c")
+    with warnings.catch_warnings():
+        # Convergence is looked up below, and unusable starting values are replaced by statsmodels itself.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        warnings.filterwarnings("ignore", "Non-(stationary|invertible) starting", UserWarning)
+        fit = problem.fit()
+        if not fit.mle_retvals["converged"]:
+            fit = problem.fit(start_params=fit.params, method_kwargs={"method": "nm", "maxiter": 2000})
+    if not (fit.mle_retvals["converged"] and np.isfinite(fit.params).all()):
+        raise SeriesError(f"the likelihood of ARIMA({p}, {d}, {q}) has no maximum that could be found for this series")
+    mean = 0.0 if d else float(fit.params[0]) * scale
+    sigma = math.sqrt(float(fit.params[-1])) * scale
+    return Arima(
+        ar=jnp.array(fit.arparams, dtype=float),
+        ma=-jnp.array(fit.maparams, dtype=float),
+        mean=jnp.array(mean, dtype=float),
+        sigma=jnp.array(sigma, dtype=float),
+        d=d,
+        step=float(step),
+    )
+
+
+def choose_d(series: Float[np.ndarray, " hour"]) -> int:
+    """How often to difference a series: until the KPSS test no longer rejects stationarity at 5 %, at most twice.
+
+    Missing values are left out after differencing, so that a gap never looks like a jump.
+
+    Raises
+    ------
+    SeriesError
+        If the series is too short or infinite.
+
+    References
+    ----------
+    Kwiatkowski, Phillips, Schmidt, Shin (1992), doi:10.1016/0304-4076(92)90104-Y.
+    """
+    _check(series, enough=_SHORTEST)
+    from statsmodels.tools.sm_exceptions import InterpolationWarning
+    from statsmodels.tsa.stattools import kpss  # type: ignore[import-untyped]
+
+    for d in range(_MOST_DIFFERENCES):
+        differenced = np.diff(series, n=d)
+        differenced = differenced[~np.isnan(differenced)]
+        if np.ptp(differenced) == 0:  # nothing left to be explained, and nothing for the test to divide by
+            return d
+        with warnings.catch_warnings():
+            # The test's table ends at 1 % and 10 %; beyond, it warns that p is only a bound. A bound will do here.
+            warnings.simplefilter("ignore", InterpolationWarning)
+            # statsmodels 0.15 announces another type of result, which 0.14 does not know yet.
+            warnings.filterwarnings("ignore", "kpss currently returns", FutureWarning)
+            p_value = kpss(differenced, regression="c", nlags="auto")[1]
+        if p_value > _KPSS_LEVEL:
+            return d
+    return _MOST_DIFFERENCES
+
+
+def _check(series: Float[np.ndarray, " hour"], enough: int) -> None:
+    if np.isinf(series).any():
+        raise SeriesError("the series contains infinite values")
+    observed = int((~np.isnan(series)).sum())
+    if observed < enough:
+        raise SeriesError(f"the series has {observed} values; at least {enough} are needed")
+
+
+# --- The fitted model that is shipped -------------------------------------------------------------------------------
+
+
+def load_fitted(name: str = "auckland") -> Arima:
+    """A model fitted in advance (by scripts/fit_auckland.py), so that no command has to wait for statsmodels.
+
+    "auckland" is the paper's ARIMA(1, 0, 0) for 45 Queen Street in 2024, hourly, persons/h. Data: Heart of the City
+    Auckland, https://www.hotcity.co.nz/pedestrian-counts, CC BY 4.0.
+
+    Raises
+    ------
+    SeriesError
+        If no model of this name is shipped.
+    """
+    ending = "_arima.json"
+    shipped = {f.name.removesuffix(ending): f for f in files("sidestep.crowds").iterdir() if f.name.endswith(ending)}
+    if name not in shipped:
+        raise SeriesError(f"no fitted model named '{name}'; there is {', '.join(sorted(shipped))}")
+    numbers = json.loads(shipped[name].read_text(encoding="utf-8"))
+    return Arima(
+        ar=jnp.array(numbers["ar"], dtype=float),
+        ma=jnp.array(numbers["ma"], dtype=float),
+        mean=jnp.array(numbers["mean"], dtype=float),
+        sigma=jnp.array(numbers["sigma"], dtype=float),
+        d=numbers["order"][1],
+        step=numbers["step"],
+    )

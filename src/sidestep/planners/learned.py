@@ -1,0 +1,171 @@
+"""The trained agent as a planner. No other planner may import the agent."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Key
+
+from sidestep.agent.checkpoint import Model, TrainingRun, load_model
+from sidestep.agent.config import TrainConfig
+from sidestep.agent.presets import Preset, preset, preset_for
+from sidestep.agent.train import QNetwork, greedy, shown, train
+from sidestep.environment.types import EnvParams, Instance, Observation, Seen
+from sidestep.errors import SidestepError
+from sidestep.planners.base import DecideByPlan, Plan
+from sidestep.scenarios.episodes import goals_of
+from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map, fingerprint
+from sidestep.scenarios.model import Scenario
+
+
+class ModelError(SidestepError):
+    """A model that cannot walk what it is asked to: says why."""
+
+
+OnRound = Callable[[int, Float[np.ndarray, " test"]], None]  # round number from 1, minutes of its greedy test walks
+
+
+def _decide(network: QNetwork, _own: Array, observation: Observation, key: Key[Array, ""]) -> Int[Array, ""]:
+    return greedy(network)(observation, key)
+
+
+@dataclass(frozen=True, eq=False)
+class Darp:
+    """Greedy on the Q-values that it learned."""
+
+    network: QNetwork
+    curve: Float[np.ndarray, "round test"]  # minutes of the greedy test walks after every round of training
+    level: Seen = "position"
+    name: ClassVar[str] = "darp"
+    decide: ClassVar[DecideByPlan] = staticmethod(_decide)
+
+    @property
+    def sees(self) -> Seen:
+        """It looks at all that its level knows."""
+        return self.level
+
+    def plan(self, _params: EnvParams, instances: Instance) -> Plan:
+        return Plan(self.network, jnp.asarray(np.zeros(instances.origin.shape[0])))
+
+
+def train_darp(
+    config: TrainConfig,
+    scenario: Scenario,
+    place: CrowdedMap,
+    on_round: OnRound = lambda _number, _minutes: None,
+) -> Darp:
+    """Let an agent learn one map."""
+    curve = []
+    for state, report in train(config, scenario, place):
+        network = shown(config, state)
+        curve.append(np.asarray(report.test_minutes))
+        on_round(len(curve), curve[-1])
+    return Darp(network, np.stack(curve), config.level)
+
+
+def trained_darp(model: Model | TrainingRun) -> Darp:
+    """The planner that was saved."""
+    return Darp(model.network, np.asarray(model.curve), model.config.level)
+
+
+Factory = Callable[[CrowdedMap, int], Darp]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Saved models as planners."""
+
+    factories: dict[str, Factory]  # `darp`, or `darp-` and the folder's name where there are several
+    index: int | None  # of the only map that they can walk, if one of them remembers places
+    destinations: frozenset[int] | None  # the only ones, if one of them remembers places
+
+    def check_destination(self, node: int) -> None:
+        """Refuse a destination that was not learned, where only those that were can be walked to."""
+        if self.destinations is not None and node not in self.destinations:
+            known = ", ".join(map(str, sorted(self.destinations)))
+            raise ModelError(f"this model remembers how to walk to {known}, not to {node}; see train --destinations")
+
+    def check_destinations(self, place: CrowdedMap, goals: int) -> None:
+        """Refuse more destinations than were learned."""
+        for node in goals_of(place, goals).ravel().tolist():
+            self.check_destination(node)
+
+
+def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level: Seen | None = None) -> Learned:
+    """Load models to walk the maps of a scenario.
+
+    Raises
+    ------
+    ModelError
+        A model of another level than asked for or for another objective, one that remembers the places of another map,
+        or one that knows crowds from sensors where it is to walk without, or the reverse.
+    """
+    models = {folder: load_model(folder) for folder in folders}
+    bound: set[int] = set()
+    ends: list[frozenset[int]] = []
+    for folder, model in models.items():
+        if level is not None and model.config.level != level:
+            raise ModelError(f"the model in {folder} is of level {model.config.level}, not {level}")
+        if model.scenario.objective != scenario.objective:
+            raise ModelError(f"the model in {folder} learned for another objective; give the same --objective")
+        if model.config.level in ("map", "live") and model.scenario.sensed != scenario.sensed:
+            where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
+            raise ModelError(
+                f"the model in {folder} learned to walk {where[model.scenario.sensed]}; {scenario.name} is another kind"
+            )
+        if model.config.level == "position" or model.config.places:
+            place = draw_map(scenario, seed, model.index)
+            _check_place(folder, model, place)
+            bound.add(model.index)
+            ends.append(frozenset(goals_of(place, model.config.goals).ravel().tolist()))
+    if len(bound) > 1:
+        raise ModelError(f"the models remember the places of different maps, numbers {sorted(bound)}")
+    names = {folder: Darp.name if len(models) == 1 else f"{Darp.name}-{folder.name}" for folder in models}
+    if len(set(names.values())) < len(names):
+        raise ModelError("the folders of the models must have different names, since planners are called by them")
+    return Learned(
+        {names[folder]: partial(_ready, trained_darp(model)) for folder, model in models.items()},
+        bound.pop() if bound else None,
+        frozenset.intersection(*ends) if ends else None,
+    )
+
+
+def _ready(darp: Darp, _place: CrowdedMap, _index: int) -> Darp:
+    return darp
+
+
+def _check_place(folder: Path, model: Model, place: CrowdedMap) -> None:
+    if fingerprint(place) == model.fingerprint:
+        return
+    learned = draw_training_map(model.scenario, model.seed, model.index).network.nodes
+    where = f"map {model.index} of {model.scenario.name}, seed {model.seed}"
+    other = f"one of {place.network.nodes} nodes" if place.network.nodes != learned else "another of as many"
+    raise ModelError(f"the model in {folder} remembers the {learned} nodes of {where}; this map is {other}")
+
+
+def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset, goals: int = 1) -> dict[str, Factory]:
+    """Agents that are trained before they walk: ``darp`` by the preset of this name, and the baselines that learn.
+
+    They learn so many ``goals`` (destinations), or more where their preset does. Where a scenario has maps of its own
+    to train on, that is done once for all maps.
+    """
+    configs = {Darp.name: preset_for(scenario, name, level), "dqn": preset_for(scenario, "dqn", level)}
+    if not scenario.training_maps and scenario.venue is None and goals == 1:
+        configs["tabular-q"] = preset("tabular-q")
+    return {
+        key: _factory(scenario, seed, replace(config, goals=max(config.goals, goals)))
+        for key, config in configs.items()
+    }
+
+
+def _factory(scenario: Scenario, seed: int, config: TrainConfig) -> Factory:
+    once = lru_cache(lambda: train_darp(config, scenario, draw_training_map(scenario, seed)))
+
+    def here(place: CrowdedMap, _index: int) -> Darp:
+        return once() if scenario.training_maps else train_darp(config, scenario, place)
+
+    return here

@@ -1,0 +1,278 @@
+"""Pictures. The only module that imports matplotlib."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypedDict
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from sidestep.environment.types import EnvParams
+from sidestep.files import whole_file
+from sidestep.network.graph import RoadNetwork
+from sidestep.planners.base import Route
+from sidestep.routing.plan import Journey
+
+INK = "#1f2933"
+COLOURS = {
+    "darp": "#d1495b",
+    "darp-paper": "#edae49",
+    "shortest-path": "#30638e",
+    "random-progress": "#8d99ae",
+    "expected": "#6a994e",
+    "clairvoyant": "#003d5b",
+}
+ROUTE = "#1565c0"  # far from the colours of crowds
+# Without the palest colours, which cannot be seen on white.
+_CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.linspace(0.2, 1, 32)))
+_SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
+_ROOM = 40.0  # m around the streets of a town
+_HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
+STYLES = {"clairvoyant": ":", "expected": "--", "shortest-path": "-", "random-progress": "-."}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Minutes after every round, over maps."""
+
+    minutes: Float[np.ndarray, "map round"]
+    round_steps: int
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a picture, whole or not at all."""
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=150)
+
+
+def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str, float]) -> Figure:
+    """The paper's figures 4 and 5: minus the minutes of greedy test walks over rounds of training.
+
+    Thick lines are means over maps, bands the middle half of the maps; baselines that do not learn are level. Minutes
+    go from near zero (walkers that arrive) to the horizon (walkers that do not), hence the logarithmic axis.
+    """
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots()
+    for name, minutes in lines.items():
+        label = f"{name} ({-minutes:.0f})"
+        axes.axhline(minutes, color=COLOURS[name], linestyle=STYLES[name], linewidth=1.6, label=label)
+    for name, curve in curves.items():
+        rounds = np.arange(1, curve.minutes.shape[1] + 1)
+        low, high = np.percentile(curve.minutes, [25, 75], axis=0)
+        mean = curve.minutes.mean(axis=0)
+        axes.fill_between(rounds, low, high, color=COLOURS[name], alpha=0.2, linewidth=0)
+        label = f"{name} ({-mean[-1]:.0f} after {len(rounds)} rounds of {curve.round_steps:,} steps)"
+        axes.plot(rounds, mean, color=COLOURS[name], linewidth=2.4, label=label)
+    axes.set_yscale("log")
+    axes.invert_yaxis()
+    ticks = [50, 75, 100, 150, 250, 500, 1000, 1440]
+    axes.set_yticks(ticks, [str(-tick) for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlabel("training rounds")
+    axes.set_ylabel("average time cost (minus minutes)")
+    axes.set_title(title, loc="left", color=INK)
+    axes.grid(axis="y", alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    # Below the axes: inside, some curve would lie under it.
+    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
+    return figure
+
+
+def crowded_map(
+    title: str, params: EnvParams, volume: Float[np.ndarray, " segment"], routes: Mapping[str, Route]
+) -> Figure:
+    """The streets, coloured by the people on them at departure, and the routes of planners side by side."""
+    network = params.network
+    figure = Figure(figsize=(8.5, 7.5), layout="constrained")
+    axes = figure.subplots()
+    ends = np.asarray(network.position)[np.stack([network.tail, network.head], axis=1)]  # [segment, end, xy]
+    spacing = float(np.abs(ends[:, 0] - ends[:, 1]).max())
+    fewest, most = max(float(volume.min()), 1.0), float(volume.max())
+    streets = LineCollection(
+        list(_beside(ends, 0.035 * spacing)),
+        array=volume,
+        cmap="YlOrBr",
+        norm=LogNorm(fewest, most),
+        linewidths=4,
+        capstyle="round",
+    )
+    axes.add_collection(streets)
+    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at departure")
+    ticks = [tick for tick in (200, 500, 1000, 2000, 5000) if fewest <= tick <= most]
+    bar.set_ticks(ticks, labels=[f"{tick:,}" for tick in ticks])
+    bar.minorticks_off()
+    _label_lengths(axes, network, ends)
+    for rank, (name, route) in enumerate(routes.items()):
+        points = np.asarray(network.position)[list(route.nodes)]
+        legs = np.stack([points[:-1], points[1:]], axis=1)
+        shift = (rank - (len(routes) - 1) / 2) * 0.045 * spacing
+        line = _beside(legs, shift).reshape(-1, 2)
+        label = f"{name}: {route.seconds / 60:.0f} min" + ("" if route.arrived else " (did not arrive)")
+        axes.plot(*line.T, color=COLOURS[name], linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
+    for node, text in ((_routes_end(routes, 0), "origin"), (_routes_end(routes, -1), "destination")):
+        x, y = np.asarray(network.position)[node]
+        axes.plot(x, y, "o", color=INK, markersize=9, zorder=4)
+        axes.annotate(
+            text,
+            (x, y),
+            xytext=(0, -16 if text == "origin" else 10),
+            textcoords="offset points",
+            ha="center",
+            color=INK,
+        )
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.margins(0.08)
+    # Of the figure, not of the axes: its layout then leaves room for them.
+    figure.suptitle(title, color=INK)
+    figure.legend(frameon=False, loc="outside lower center", ncols=len(routes))
+    return figure
+
+
+def route_map(journey: Journey) -> Figure:
+    """The streets around a planned walk, coloured by the people expected on them at the departure, and the walk."""
+    trip, town = journey.trip, journey.trip.streets.town
+    figure = Figure(figsize=(8, 7.5), layout="constrained")
+    axes = figure.subplots()
+    west, east, south, north = _frame(town.project(journey.course), town.project(town.points))
+    courses = np.split(town.project(town.points), town.first[1:-1])
+    near = [
+        street
+        for street, course in enumerate(courses)
+        if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
+    ]
+    density = np.maximum(journey.streets_density[near], _SPARSE)
+    fewest, most = float(np.quantile(density, 0.02)), 1.01 * float(density.max())
+    streets = LineCollection(
+        [courses[street] for street in near],
+        array=density,
+        cmap=_CROWDS,
+        norm=LogNorm(fewest, most),
+        linewidths=np.clip(town.width[near] / 2, 1.2, 4.0),
+        capstyle="round",
+    )
+    axes.add_collection(streets)
+    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="persons/m² expected at the departure", pad=0.01)
+    ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5) if fewest <= tick <= most]
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    bar.minorticks_off()
+    walk = town.project(journey.course)
+    for colour, width in (("white", 6.5), (ROUTE, 3.4)):
+        axes.plot(*walk.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
+    for place, text, face in ((walk[0], "start", "white"), (walk[-1], "end", INK)):
+        axes.plot(*place, "o", color=face, markeredgecolor=INK, markeredgewidth=2.2, markersize=11, zorder=4)
+        axes.annotate(text, place, xytext=(10, 8), textcoords="offset points", color=INK, zorder=5, **_HALO)
+    axes.set_aspect("equal")
+    axes.set(xlim=(west, east), ylim=(south, north))
+    axes.axis("off")
+    _scale_bar(axes, west, south, east - west)
+    metres, minutes = sum(leg.metres for leg in journey.legs), journey.route.seconds / 60
+    figure.suptitle(
+        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min, "
+        f"planned by {journey.planner.name}",
+        color=INK,
+    )
+    # Below the axes, where nothing lies under it.
+    figure.supxlabel(f"Streets: {town.attribution}\nCrowds: {trip.crowds}", fontsize=8, color=INK)
+    return figure
+
+
+class TradeOffPoint(TypedDict):
+    """Means of the walks of one planner with one weight of exposure."""
+
+    weight: float | None  # s for each person·s/m²; None where it makes no difference
+    minutes: float
+    exposure: float  # person·s/m²
+    metres: float
+    arrival_rate: float
+
+
+def trade_off_curve(title: str, caption: str, curves: Mapping[str, Sequence[TradeOffPoint]]) -> Figure:
+    """Minutes against the crowd met, one curve for each planner, one point for each weight of exposure."""
+    figure = Figure(figsize=(8, 5.5), layout="constrained")
+    axes = figure.subplots()
+    for number, (name, points) in enumerate(curves.items()):
+        minutes, exposure = [point["minutes"] for point in points], [point["exposure"] for point in points]
+        colour = COLOURS.get(name, f"C{number}")
+        axes.plot(minutes, exposure, color=colour, linewidth=2, marker="o", label=name, zorder=3)
+        for point in points:
+            axes.annotate(
+                f"{point['weight']:g}",
+                (point["minutes"], point["exposure"]),
+                xytext=(6, 5),
+                textcoords="offset points",
+                fontsize=8,
+                color=colour,
+                **_HALO,
+            )
+    axes.set_xlabel("minutes")
+    axes.set_ylabel("crowd met, person·s/m²")
+    axes.margins(0.08)
+    axes.set_ylim(bottom=0)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False)
+    axes.set_title(title, loc="left", fontsize=10, color=INK)
+    figure.supxlabel(caption, fontsize=8, color=INK)
+    return figure
+
+
+def _frame(
+    walk: Float[np.ndarray, "step 2"], streets: Float[np.ndarray, "point 2"]
+) -> tuple[float, float, float, float]:
+    """West, east, south, north, in metres: room on all sides of a walk, as far as there are streets."""
+    low, high = walk.min(axis=0), walk.max(axis=0)
+    half = max(0.65 * float((high - low).max()), 300.0)
+    middle = (low + high) / 2
+    west, south = np.maximum(middle - half, streets.min(axis=0) - _ROOM)
+    east, north = np.minimum(middle + half, streets.max(axis=0) + _ROOM)
+    return float(west), float(east), float(south), float(north)
+
+
+def _scale_bar(axes, west: float, south: float, width: float) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    metres = max(step for step in (50, 100, 200, 500, 1000, 2000, 5000) if step <= max(width / 4, 50))
+    x, y = west + 0.03 * width, south + 0.03 * width
+    axes.plot([x, x + metres], [y, y], color=INK, linewidth=3, solid_capstyle="butt", zorder=5)
+    axes.annotate(
+        f"{metres:,} m", (x + metres / 2, y), xytext=(0, 6), textcoords="offset points", ha="center", color=INK, **_HALO
+    )
+
+
+def _routes_end(routes: Mapping[str, Route], which: int) -> int:
+    """First or last node of the routes; the last is taken from one that arrived, if any did."""
+    arrived = [route for route in routes.values() if route.arrived] or list(routes.values())
+    return arrived[0].nodes[which]
+
+
+def _beside(legs: Float[np.ndarray, "leg 2 2"], shift: float) -> Float[np.ndarray, "leg 2 2"]:
+    """Move legs sideways, to the right of their direction, so that those over the same street stay apart."""
+    along = legs[:, 1] - legs[:, 0]
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    right = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    return legs + shift * right[:, None]
+
+
+def _label_lengths(axes, network: RoadNetwork, ends: Float[np.ndarray, "segment 2 2"]) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    """Write lengths beside the streets: on this map they are not to scale."""
+    tail, head, length = (np.asarray(part) for part in (network.tail, network.head, network.length))
+    for segment in np.flatnonzero(tail < head):
+        (x0, y0), (x1, y1) = ends[segment]
+        upright = abs(y1 - y0) > abs(x1 - x0)
+        axes.annotate(
+            f"{length[segment]:.0f} m",
+            ((x0 + x1) / 2, (y0 + y1) / 2),
+            xytext=(-9, 0) if upright else (0, 9),
+            textcoords="offset points",
+            rotation=90 if upright else 0,
+            ha="center",
+            va="center",
+            fontsize=6.5,
+            color=INK,
+            alpha=0.6,
+        )

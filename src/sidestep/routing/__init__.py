@@ -1,0 +1,1 @@
+"""From a request for a route to the planned route, and its formats."""

@@ -1,0 +1,1 @@
+"""What a segment costs whom: speed by density, crossing times, waits, objectives."""

@@ -1,0 +1,144 @@
+"""How fast people walk in a crowd, and how long a segment takes to cross while the crowd changes."""
+
+from typing import Literal, get_args
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from sidestep.walking.speed_field import SpeedField, Speeds
+
+CrossingRule = Literal["integrated", "entry"]
+CROSSING_RULES: tuple[str, ...] = get_args(CrossingRule)
+
+
+def crossing_time(
+    field: SpeedField,
+    segment: Int[Array, ""],
+    length: Float[Array, ""],
+    clock: Float[Array, ""],
+    rule: CrossingRule = "integrated",
+) -> Float[Array, ""]:
+    """Seconds to cross a segment entered at ``clock``.
+
+    ``entry`` (the paper, eq. 4) keeps the speed of the moment of entry to the end. ``integrated`` walks through the
+    slots that the crossing spans, each at its own speed: whoever enters later never leaves earlier (FIFO).
+
+    Parameters
+    ----------
+    field
+        Speeds of one crowd (no leading axis).
+    segment, length
+        The segment and its length in metres.
+    clock
+        Seconds since the scenario's start.
+    """
+    return crossing_time_in(field.speed[segment], field.covered[segment], field.slot_seconds, length, clock, rule)
+
+
+def crossing_time_in(
+    speed: Float[Array, " slot"],
+    covered: Float[Array, " slot"],
+    slot_seconds: float,
+    length: Float[Array, ""],
+    clock: Float[Array, ""],
+    rule: CrossingRule = "integrated",
+) -> Float[Array, ""]:
+    """:func:`crossing_time` from one segment's own row of speeds and covered distances."""
+    last = speed.shape[-1] - 1
+    now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    if rule == "entry":
+        return length / speed[now]
+    goal = covered[now] + speed[now] * (clock - now * slot_seconds) + length
+    # The slot in which the goal is reached. Counting beats a binary search: it is one pass over a short row.
+    then = jnp.clip(jnp.sum(covered <= goal) - 1, now, last)
+    return then * slot_seconds + (goal - covered[then]) / speed[then] - clock
+
+
+def exposure_in(
+    density: Float[Array, "*n slot"], slot_seconds: float, begin: Float[Array, "*n"], end: Float[Array, "*n"]
+) -> Float[Array, "*n"]:
+    """Crowd met on segments from one clock to another: the integral of their density, in person·s/m²."""
+    slot = jnp.arange(density.shape[-1])
+    upto = jnp.where(slot < density.shape[-1] - 1, (slot + 1) * slot_seconds, jnp.inf)
+    there = jnp.minimum(end[..., None], upto) - jnp.maximum(begin[..., None], slot * slot_seconds)
+    return jnp.sum(density * jnp.maximum(there, 0.0), axis=-1)
+
+
+_Slots = tuple[
+    Int[Array, ""], Int[Array, " segment"], Float[Array, " segment"], Float[Array, " segment"]
+]  # a slot; up to it the latest that each segment is walked in, with its speed and what is covered before it
+
+
+def crossing_times_at(
+    speed: Float[Array, "slot segment"],
+    covered: Float[Array, "slot segment"],
+    slot_seconds: float,
+    length: Float[Array, " segment"],
+    clock: Float[Array, " segment"],
+    rule: CrossingRule = "integrated",
+) -> Float[Array, " segment"]:
+    """:func:`crossing_time_in` of all segments at once, each entered at its own clock; slots come first.
+
+    The same to the bit, but slot by slot for all segments instead of through the whole row of each: few slots are
+    spanned, and what is known of a slot lies together in memory.
+    """
+    last = len(speed) - 1
+    now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    first = jnp.min(now)
+
+    def onward(carry: _Slots, goes: Bool[Array, " segment"]) -> _Slots:
+        slot, *old = carry
+        new = (jnp.full_like(now, slot + 1), speed[slot + 1], covered[slot + 1])
+        return slot + 1, *(jnp.where(goes, *each) for each in zip(new, old, strict=True))  # type: ignore[return-value]
+
+    # To the slot in which each segment is entered, nearly always the first one, and on to that in which it is left.
+    entered = jax.lax.while_loop(
+        lambda carry: carry[0] < jnp.max(now),
+        lambda carry: onward(carry, carry[0] < now),
+        (first, jnp.full_like(now, first), speed[first], covered[first]),
+    )
+    if rule == "entry":
+        return length / entered[2]
+    goal = entered[3] + entered[2] * (clock - now * slot_seconds) + length
+
+    def further(slot: Int[Array, ""]) -> Bool[Array, " segment"]:
+        return covered[jnp.minimum(slot + 1, last)] <= goal
+
+    _, then, at, before = jax.lax.while_loop(
+        lambda carry: (carry[0] < last) & further(carry[0]).any(),
+        lambda carry: onward(carry, further(carry[0])),
+        (first, *entered[1:]),
+    )
+    return then * slot_seconds + (goal - before) / at - clock
+
+
+def leaving_clock(
+    speeds: Speeds,
+    crowd: Int[Array, ""],
+    segment: Int[Array, ""],
+    length: Float[Array, ""],
+    clock: Float[Array, ""],
+    rule: CrossingRule = "integrated",
+) -> Float[Array, ""]:
+    """Clock at the end of a segment that is entered at ``clock``, through one of several crowds.
+
+    The same as :func:`crossing_time` later, but only those slots are looked at that the crossing spans: nearly always
+    one or two of them.
+    """
+    last, slot_seconds = speeds.slots - 1, speeds.slot_seconds
+    slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    if rule == "entry":
+        return clock + length / speeds.at(crowd, segment, slot)
+
+    def walk(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        slot, now, left, _ = carry
+        speed = speeds.at(crowd, segment, slot)
+        ends = jnp.where(slot == last, jnp.inf, (slot + 1) * slot_seconds)
+        ahead = speed * (ends - now)
+        over = left <= ahead
+        return slot + 1, jnp.where(over, now + left / speed, ends), left - ahead, over
+
+    start = (slot, clock, length, jnp.bool_(False))
+    _, left_at, _, _ = jax.lax.while_loop(lambda carry: ~carry[3], walk, start)
+    return left_at

@@ -1,0 +1,171 @@
+"""The greedy planners by hand on the diamond: whom each jam traps; and all of them beside the clairvoyant."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sidestep.environment.knowledge import live_to_go, usual_to_go
+from sidestep.environment.types import EnvParams, Instance
+from sidestep.planners.base import Planner, routes, walk_plan
+from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
+from sidestep.planners.time_dependent import Clairvoyant
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import instances
+from sidestep.scenarios.futures import make_environment
+from sidestep.scenarios.maps import draw_map
+from sidestep.walking.speed_field import SpeedField, speed_field
+
+KEY = jax.random.key(0)
+GREEDY = (GreedyLocal(), GreedyMap(), Snapshot(), Forecast())
+
+
+SLOT = 150.0
+
+
+@jax.jit
+def knowing(params: EnvParams) -> EnvParams:
+    """All is known of the way to node 3; what is forecast from the counts is what comes."""
+    network, field = params.network, params.crowds.of(jnp.int32(0))
+    usual = usual_to_go(params, (jnp.arange(network.nodes) == 3)[None])
+    params = replace(params, usual=usual, level="live")
+
+    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
+        return speed_field(field.speed[:, jnp.minimum(slot + jnp.arange(4), field.slots - 1)], SLOT)
+
+    volume = jnp.ones((1, field.slots, network.segments))
+    return replace(params, live=live_to_go(params, volume, ahead))
+
+
+@pytest.fixture(scope="module")
+def world(diamond, make_params) -> Callable[..., EnvParams]:
+    """The diamond at some speeds, which are also expected unless others are."""
+
+    def make(speed: jax.Array, expected: jax.Array | None = None) -> EnvParams:
+        usual = speed if expected is None else expected
+        return knowing(make_params(diamond, speed_field(speed, SLOT), speed_field(usual, SLOT), horizon=3000.0))
+
+    return make
+
+
+def walks(params: EnvParams, instance, planner: Planner) -> tuple[tuple[int, ...], float, bool]:
+    (route,) = routes(planner, params, instance, KEY, 5)
+    return route.nodes, pytest.approx(route.seconds, rel=1e-5), route.arrived
+
+
+def test_local_walks_into_the_trap_that_map_avoids(world, make_instance) -> None:
+    # 1 > 3 is slow for ever, at .85 m/s, and 2 > 3 is fast, at 2 m/s.
+    params = world(jnp.ones((8, 2)).at[1].set(0.85).at[3].set(2.0))
+    # At 0 both go on sqrt(2) 100 m straight, so 100 s beat 150 s. At 1 on 200 / .85 = 235.294 s; back 100 + 149.254 s.
+    assert walks(params, make_instance([0]), GreedyLocal()) == ((0, 1, 3), 335.29412, True)
+    # above 335 s, below 150 + 125 s
+    for planner in (GreedyMap(), Snapshot(), Forecast()):
+        assert walks(params, make_instance([0]), planner) == ((0, 2, 3), 275, True)
+
+
+def test_local_may_pace_to_and_fro_for_ever(world, make_instance) -> None:
+    # At .5 m/s on 1 > 3 it takes 400 s on and, it seems, 249 s back; and at 0 the way above seems best again.
+    params = world(jnp.ones((8, 2)).at[1].set(0.5))
+    assert walks(params, make_instance([0]), GreedyLocal()) == ((0, 1, 0, 1, 0), 3000, False)
+    assert walks(params, make_instance([0]), GreedyMap()) == ((0, 2, 3), 400, True)
+
+
+def test_map_knows_no_jam_that_is_unusual_before_it_stands_there(world, make_instance) -> None:
+    # 1 > 3 is jammed today at .1 m/s, but usually free. At 1 it takes 2,000 s on, and back by 0 and 2 500 s. Back at 0
+    # the usual way is above again: only who sees all counts stays away.
+    params = world(jnp.ones((8, 2)).at[1].set(0.1), jnp.ones((8, 2)))
+    # At 1, 0 > 1 > 3 is 300 s in the usual crowds, so 100 + 300 s back beat 2,000 s on: to and fro.
+    assert walks(params, make_instance([0]), GreedyMap()) == ((0, 1, 0, 1, 0), 3000, False)
+    for planner in (Snapshot(), Forecast()):
+        assert walks(params, make_instance([0]), planner) == ((0, 2, 3), 400, True)
+
+
+def test_snapshot_follows_the_counts_and_forecast_foresees_that_a_jam_clears(world, make_instance) -> None:
+    # 1 > 3 is jammed at .1 m/s till 150 s.
+    params = world(jnp.ones((8, 2)).at[1, 0].set(0.1))
+    # As it stands, above takes 2,100 s and below 400 s.
+    assert walks(params, make_instance([0]), Snapshot()) == ((0, 2, 3), 400, True)
+    # Node 1 at 100 s, 5 m in the jam, 195 m at 1 m/s: 345 s.
+    for planner in (Forecast(), Clairvoyant()):
+        assert walks(params, make_instance([0]), planner) == ((0, 1, 3), 345, True)
+    # Who knows the usual crowds goes above too, but believes the jam when standing before it at 100 s: 2,000 s on, and
+    # 100 + 300 s back and again. Of that it is free at 300 s.
+    assert walks(params, make_instance([0]), GreedyMap()) == ((0, 1, 0, 1, 3), 500, True)
+    # When it has cleared, all go above.
+    for planner in GREEDY:
+        assert walks(params, make_instance([0], departure=150.0), planner) == ((0, 1, 3), 300, True)
+
+
+def test_snapshot_does_not_see_a_jam_coming(world, make_instance) -> None:
+    # 1 > 3 is free till 150 s and then jammed at .1 m/s.
+    params = world(jnp.ones((8, 2)).at[1, 1].set(0.1))
+    # Node 1 at 100 s, where it is still free: 50 m, and 150 m at .1 m/s.
+    assert walks(params, make_instance([0]), Snapshot()) == ((0, 1, 3), 1650, True)
+    assert walks(params, make_instance([0]), Forecast()) == ((0, 2, 3), 400, True)
+
+
+def test_all_are_planners() -> None:
+    assert all(isinstance(planner, Planner) for planner in GREEDY)
+    assert [(planner.name, planner.level, planner.sees) for planner in GREEDY] == [
+        ("greedy-local", "local", "local"),
+        ("greedy-map", "map", "map"),
+        ("snapshot", "live", "live"),
+        ("forecast", "live", "live"),
+    ]
+
+
+def test_what_a_level_does_not_reckon_cannot_be_followed(diamond, constant_field, make_params, make_instance) -> None:
+    params = make_params(diamond, constant_field(diamond))
+    blind, all_counts = GreedyLocal(), Snapshot()
+    blind.sees = "position"
+    all_counts.sees = "local"
+    for planner, message in (
+        (blind, "level position reckons no times"),
+        (all_counts, "only level live sees all counts"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            walk_plan(planner, params, planner.plan(params, make_instance([0])), make_instance([0]), KEY)
+
+
+def test_none_beats_the_clairvoyant() -> None:
+    small = scenario("rush-16", side=4, crowded_nodes=1, horizon=2 * 3600.0)
+    place = draw_map(small, 3)
+    params = make_environment(small, place, "test", 8, level="live")
+    todo = instances(small, place, params, 20)
+    bound, *found = (
+        [(route.seconds, route.arrived) for route in routes(planner, params, todo, KEY, 40)]
+        for planner in (Clairvoyant(), *GREEDY)
+    )
+    least = np.array(bound)[:, 0]
+    assert np.array(bound)[:, 1].all()
+    for planner, walked in zip(GREEDY, found, strict=True):
+        seconds = np.array(walked)[:, 0]
+        assert (seconds >= least * (1 - 1e-5)).all()
+        # Who knows the map comes near the bound.
+        assert planner.level == "local" or seconds.mean() < 1.05 * least.mean()
+
+
+def test_walks_that_a_level_knows_nothing_about_are_refused() -> None:
+    problem = scenario("rush-16", side=3, crowded_nodes=1, horizon=3600.0)
+    place = draw_map(problem, 0)
+    goals = np.array([[8], [2]])
+    params = make_environment(problem, place, "test", 2, level="live", goals=goals)
+    todo = instances(problem, place, params, 2, goals=goals)
+    assert np.asarray(todo.destination).tolist() == [8, 2]
+
+    def walk(todo: Instance) -> None:
+        walk_plan(Forecast(), params, Forecast().plan(params, todo), todo, jax.random.key(0))
+
+    walk(todo)
+    elsewhere = replace(todo, destination=jnp.array([8, 5]))
+    with pytest.raises(ValueError, match="no ways to node 5 are known"):
+        walk(elsewhere)
+    with pytest.raises(ValueError, match="crowd number c is for goal number c modulo goals"):
+        walk(replace(todo, crowd=jnp.array([1, 0])))
+    below = make_environment(problem, place, "test", 2, level="map", goals=goals)
+    plan = Forecast().plan(below, todo)
+    with pytest.raises(ValueError, match="not made for level live"):
+        walk_plan(Forecast(), below, plan, todo, jax.random.key(0))

@@ -1,0 +1,103 @@
+"""Bearings, turn words, crowding words, and streets joined to steps."""
+
+import numpy as np
+import pytest
+
+from sidestep.routing.directions import Leg, bearings, compass_word, crowding_word, directions, mean_density, turn_word
+
+DEGREE = 111_195.08  # m, on the equator
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "word"),
+    [
+        (0, 0, "straight on"),
+        (350, 10, "straight on"),
+        (0, 20, "straight on"),
+        (0, 21, "bear right"),
+        (10, 330, "bear left"),
+        (0, 90, "turn right"),
+        (0, 270, "turn left"),
+        (90, 0, "turn left"),
+        (0, 130, "sharp right"),
+        (0, 230, "sharp left"),
+        (0, 180, "turn round"),
+        (270, 92, "turn round"),
+    ],
+)
+def test_turn_words(before: float, after: float, word: str) -> None:
+    assert turn_word(before, after) == word
+
+
+@pytest.mark.parametrize(
+    ("bearing", "word"),
+    [(0, "north"), (22, "north"), (23, "north-east"), (90, "east"), (225, "south-west"), (359, "north")],
+)
+def test_compass_words(bearing: float, word: str) -> None:
+    assert compass_word(bearing) == word
+
+
+@pytest.mark.parametrize(
+    ("density", "word"),
+    [(0, "free"), (0.3, "free"), (0.31, "busy"), (0.72, "dense"), (2.16, "dense"), (2.17, "jammed"), (9, "jammed")],
+)
+def test_crowding_words(density: float, word: str) -> None:
+    assert crowding_word(density) == word
+
+
+def test_bearings_look_some_way_along_the_street() -> None:
+    # The last metre onto the crossing leads north, the street itself east.
+    course = np.array([[0, 0], [0, 1], [100, 1], [100, 2]]) / DEGREE
+    begins, ends = bearings(course)
+    assert begins == pytest.approx(86, abs=1)
+    assert ends == pytest.approx(86, abs=1)
+    assert bearings(np.array([[0, 0], [0, -3]]) / DEGREE) == pytest.approx((180, 180))
+
+
+def leg(*points, name="", kind="footway", minutes=1.0, density=0.1) -> Leg:
+    course = np.array(points, float)
+    metres = float(np.linalg.norm(np.diff(course, axis=0), axis=1).sum())
+    return Leg(0, name, kind, metres, minutes, 0.0, density, 0.0, False, course / DEGREE)
+
+
+def test_streets_of_one_name_are_joined() -> None:
+    steps = directions(
+        [
+            leg((0, 0), (100, 0), name="Long Street"),
+            leg((100, 0), (100, 50), name="Long Street", minutes=3.0, density=0.5),
+            leg((100, 50), (200, 50), name="Quay"),
+        ]
+    )
+    assert [(step.turn, step.street, step.metres, step.minutes) for step in steps] == [
+        ("head east", "Long Street", 150, 4),
+        ("turn right", "Quay", 100, 1),
+    ]
+    # over the time on the way
+    assert steps[0].density == pytest.approx(0.4)
+
+
+def test_unnamed_streets_are_joined_straight_on_only() -> None:
+    steps = directions(
+        [
+            leg((0, 0), (0, 50)),
+            leg((0, 50), (0, 100)),
+            leg((0, 100), (50, 100)),
+            leg((50, 100), (80, 100), kind="living_street"),
+            leg((80, 100), (90, 100), name="footway"),  # somebody called it so
+        ]
+    )
+    assert [(step.turn, step.street) for step in steps] == [
+        ("head north", "footway"),
+        ("turn right", "footway"),
+        ("straight on", "living street"),
+        ("straight on", "footway"),
+    ]
+
+
+def test_who_turns_round_is_told_so() -> None:
+    steps = directions([leg((0, 0), (50, 0), name="Quay"), leg((50, 0), (0, 0), name="Quay")])
+    assert [step.turn for step in steps] == ["head east", "turn round"]
+
+
+def test_no_time_no_crowds() -> None:
+    assert mean_density([]) == 0
