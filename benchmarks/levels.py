@@ -15,7 +15,7 @@ import numpy as np
 
 from sidestep.agent.presets import preset
 from sidestep.agent.train import fresh_network, greedy, train
-from sidestep.environment.cost_to_go import at_clock, field_to_go
+from sidestep.environment.cost_to_go import at_clock, field_cost_to_go
 from sidestep.environment.dynamics import reset
 from sidestep.environment.types import LEVELS
 from sidestep.planners.time_dependent import earliest_arrivals
@@ -44,7 +44,7 @@ def potentials():
     problem = scenario("rush-32", horizon=24 * 300.0, departures=(0.0, 0.0))
     params = make_environment(problem, draw_map(problem, 0), "test", 1)
     goal = jnp.zeros(params.network.nodes, bool).at[-1].set(True)
-    return milliseconds(jax.jit(field_to_go), params.network, params.expected.of(jnp.int32(0)), goal)
+    return milliseconds(jax.jit(field_cost_to_go), params.network, params.expected.of(jnp.int32(0)), goal)
 
 
 def accuracy():
@@ -59,9 +59,9 @@ def accuracy():
 
     @jax.jit
     def both(number, origin, departure):
-        field = params.crowds.of(number)
+        field = params.futures.of(number)
         exact = earliest_arrivals(network, field, origin, departure)[0][last] - departure
-        table = field_to_go(network, field, goal)
+        table = field_cost_to_go(network, field, goal)
         return exact, at_clock(table, field.slot_seconds, departure[None], origin[None])[0]
 
     found = np.array([both(*one) for one in zip(jnp.arange(SEARCHES), origins, departures, strict=True)])
@@ -72,22 +72,22 @@ def accuracy():
 def live_feed(name):
     """Snapshot and forecast from all counts of one slot."""
     problem = scenario(name)
-    place = draw_map(problem, 0)
+    scenario_map = draw_map(problem, 0)
     return (
-        milliseconds(lambda: make_environment(problem, place, "test", 1, level="live"), turns=3)
-        - milliseconds(lambda: make_environment(problem, place, "test", 1, level="map"), turns=3)
+        milliseconds(lambda: make_environment(problem, scenario_map, "test", 1, level="live"), turns=3)
+        - milliseconds(lambda: make_environment(problem, scenario_map, "test", 1, level="map"), turns=3)
     ) / problem.slots
 
 
 def decisions(level):
     """A batch of walkers, each at its crossing: observations in, exits out."""
     problem = scenario("rush-16", horizon=3600.0)
-    place = draw_map(problem, 0)
-    params = make_environment(problem, place, "test", 20, level=level)
-    todo = instances(problem, place, params, WALKERS)
+    scenario_map = draw_map(problem, 0)
+    params = make_environment(problem, scenario_map, "test", 20, level=level)
+    todo = instances(problem, scenario_map, params, WALKERS)
     _, seen = jax.vmap(lambda one: reset(params, one))(todo)
-    network = fresh_network(preset("default", level), problem, place.network, place.key)
-    decide = jax.jit(lambda network, seen: jax.vmap(lambda one: greedy(network)(one, place.key))(seen))
+    network = fresh_network(preset("default", level), problem, scenario_map.network, scenario_map.key)
+    decide = jax.jit(lambda network, seen: jax.vmap(lambda one: greedy(network)(one, scenario_map.key))(seen))
     return milliseconds(decide, network, seen)
 
 

@@ -33,7 +33,7 @@ from sidestep.environment.types import EnvParams
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
-from sidestep.scenarios.maps import CrowdedMap, draw_map
+from sidestep.scenarios.maps import ScenarioMap, draw_map
 from sidestep.scenarios.model import Scenario
 
 
@@ -47,8 +47,8 @@ class Grid(gymnasium.Env):
         self.metres = np.asarray(network.position, np.float64)
         blocks = self.metres / np.diff(np.unique(self.metres[:, 0]))[0]
         self.seen = blocks.astype(np.float32)
-        self.speed = np.asarray(params.crowds.speed, np.float64).tolist()  # [crowd][segment][slot]
-        self.slot_seconds = params.crowds.slot_seconds
+        self.speed = np.asarray(params.futures.speed, np.float64).tolist()  # [crowd][segment][slot]
+        self.slot_seconds = params.futures.slot_seconds
         self.origin, self.destination, self.horizon = problem.origin, problem.destination, problem.horizon
         self.reward = problem.reward
         self.far = np.linalg.norm(self.metres - self.metres[self.destination], axis=1).tolist()
@@ -56,9 +56,9 @@ class Grid(gymnasium.Env):
         self.action_space = gymnasium.spaces.Discrete(4)
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[np.ndarray, dict]:
-        """Begin at the origin, in ``options["crowd"]`` or any."""
+        """Begin at the origin, in ``options["future"]`` or any."""
         super().reset(seed=seed)
-        self.crowd = options["crowd"] if options else self.np_random.integers(len(self.speed))
+        self.future = options["future"] if options else self.np_random.integers(len(self.speed))
         self.node, self.clock = self.origin, 0.0
         return self.seen[self.node], {}
 
@@ -68,7 +68,7 @@ class Grid(gymnasium.Env):
         while self.exit_node[before][way] < 0:
             way = (way + 1) % 4
         segment = self.exit_segment[before][way]
-        seconds = self.crossing_seconds(self.speed[self.crowd][segment], self.length[segment])
+        seconds = self.crossing_seconds(self.speed[self.future][segment], self.length[segment])
         self.clock += seconds
         self.node = self.exit_node[before][way]
         arrived = self.node == self.destination
@@ -88,11 +88,11 @@ class Grid(gymnasium.Env):
         return clock + metres / speed[slot] - self.clock
 
 
-def check_same(grid: Grid, problem: Scenario, place: CrowdedMap, params: EnvParams, steps: int = 300) -> None:
+def check_same(grid: Grid, problem: Scenario, scenario_map: ScenarioMap, params: EnvParams, steps: int = 300) -> None:
     """Walk both environments at random: they must agree, or the comparison compares nothing."""
     one_step = jax.jit(step)
-    state, _ = reset(params, jax.tree.map(lambda leaf: leaf[0], instances(problem, place, params, 1)))
-    grid.reset(options={"crowd": 0})
+    state, _ = reset(params, jax.tree.map(lambda leaf: leaf[0], instances(problem, scenario_map, params, 1)))
+    grid.reset(options={"future": 0})
     for action in np.random.default_rng(0).integers(4, size=steps):
         state, outcome = one_step(params, state, jnp.asarray(action))
         _, reward, terminated, truncated, _ = grid.step(action)
@@ -104,9 +104,9 @@ def check_same(grid: Grid, problem: Scenario, place: CrowdedMap, params: EnvPara
             break
 
 
-def sidestep_run(config: TrainConfig, problem: Scenario, place: CrowdedMap) -> Callable[[], float]:
+def sidestep_run(config: TrainConfig, problem: Scenario, scenario_map: ScenarioMap) -> Callable[[], float]:
     """A function that trains one round more and returns the microseconds of a step."""
-    rounds = train(config, problem, place)
+    rounds = train(config, problem, scenario_map)
 
     def run() -> float:
         began = perf_counter()
@@ -163,14 +163,17 @@ def main() -> None:
     torch.set_num_threads(options.torch_threads)
 
     problem = scenario("paper-congested")
-    place = draw_map(problem, seed=0)
-    params = make_environment(problem, place, "learn", 8)
+    scenario_map = draw_map(problem, seed=0)
+    params = make_environment(problem, scenario_map, "learn", 8)
     config = PRESETS["paper"]
     config = dataclasses.replace(config, rounds=options.repeats + 1, round_steps=options.rounds * config.round_steps)
     grid = Grid(problem, params)
-    check_same(grid, problem, place, params)
+    check_same(grid, problem, scenario_map, params)
 
-    runs = {"sidestep": sidestep_run(config, problem, place), "stable-baselines3": sb3_run(config, grid, options.steps)}
+    runs = {
+        "sidestep": sidestep_run(config, problem, scenario_map),
+        "stable-baselines3": sb3_run(config, grid, options.steps),
+    }
     for run in runs.values():
         run()
     microseconds: dict[str, list[float]] = {name: [] for name in runs}

@@ -26,7 +26,7 @@ from streets import write
 
 from sidestep.agent.presets import preset_for
 from sidestep.agent.train import shown, train
-from sidestep.environment.knowledge import usual_to_go
+from sidestep.environment.knowledge import expected_cost_to_go
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
@@ -70,14 +70,14 @@ def loading(folder):
     return {"segments": network.segments, "seconds": perf_counter() - began}
 
 
-def world(folder, goals, level):
+def world(folder, destinations, level):
     """The scenario, its environment with recorded futures, and a walk to each of so many destinations."""
     problem = find_scenario(folder / "scenario.toml")
-    place = draw_map(problem, 0)
-    ends = anywhere_to_anywhere(place, goals, 0)
-    here = set_out(problem, place, ends)
-    params = make_environment(problem, here, "test", goals, level=level, goals=ends)
-    return problem, params, instances(problem, here, params, goals, goals=ends)
+    scenario_map = draw_map(problem, 0)
+    ends = anywhere_to_anywhere(scenario_map, destinations, 0)
+    here = set_out(problem, scenario_map, ends)
+    params = make_environment(problem, here, "test", destinations, level=level, destinations=ends)
+    return problem, params, instances(problem, here, params, destinations, destinations=ends)
 
 
 def milliseconds(run, turns=TURNS):
@@ -110,7 +110,7 @@ def potentials(folder):
     """Times to one destination, from everywhere at every hour, and a walk by them."""
     problem, params, todo = world(folder, 1, "map")
     goal = (jnp.arange(params.network.nodes) == todo.destination[0])[None]
-    tables = jax.jit(usual_to_go)
+    tables = jax.jit(expected_cost_to_go)
     took = milliseconds(lambda: tables(params, goal), 2)
     planner = GreedyMap()
     plan = planner.plan(params, todo)
@@ -118,16 +118,16 @@ def potentials(folder):
     return {"slots": problem.slots, "both_tables_ms": took, "walk_ms": walk}
 
 
-def training(folder, rounds, walks, goals):
+def training(folder, rounds, walks, destinations):
     """Training by the preset, or to fewer goals, and how the agent then walks held-out futures beside `expected`."""
     problem = find_scenario(folder / "scenario.toml")
     config = preset_for(problem, "default", "map")
     config = replace(config, rounds=min(rounds or config.rounds, config.rounds))
-    if goals:  # and two futures for each, as in the preset
-        config = replace(config, goals=goals, crowds=2 * goals, fresh_crowds=goals)
-    place = draw_map(problem, 0)
+    if destinations:  # and two futures for each, as in the preset
+        config = replace(config, destinations=destinations, futures=2 * destinations, fresh_futures=destinations)
+    scenario_map = draw_map(problem, 0)
     began, ended = perf_counter(), []
-    for state, report in train(config, problem, place):
+    for state, report in train(config, problem, scenario_map):
         network = jax.block_until_ready((shown(config, state), report))[0]
         ended.append(perf_counter() - began)
     peak = peak_gib()
@@ -137,7 +137,7 @@ def training(folder, rounds, walks, goals):
     rows = found.as_json()["planners"]
     later = float(np.median(np.diff(ended))) if len(ended) > 1 else ended[0]
     return {
-        "goals": config.goals,
+        "destinations": config.destinations,
         "rounds": config.rounds,
         "first_round_ended": ended[0],
         "seconds": ended[-1],
@@ -162,7 +162,7 @@ def part_of(options):
     """One part, in this process."""
     folder = Path(options.folder)
     if options.part == "training":
-        return training(folder, options.rounds, options.walks, options.goals)
+        return training(folder, options.rounds, options.walks, options.destinations)
     if options.part == "invent":
         return invent(folder, options.side)
     return {"peak_gib": None} | PARTS[options.part](folder) | {"peak_gib": peak_gib()}
@@ -189,7 +189,7 @@ def main():
             parts = [*known, options.part] if options.part else [*PARTS, "training"]
             for part in dict.fromkeys(parts):
                 again = ["--here", "--part", part, "--side", str(side), "--folder", str(folder)]
-                for name in ("walks", "rounds", "goals"):
+                for name in ("walks", "rounds", "destinations"):
                     again += [f"--{name}", str(getattr(options, name))] if getattr(options, name) else []
                 done = subprocess.run([sys.executable, __file__, *again], check=True, stdout=subprocess.PIPE, text=True)
                 if part != "invent":

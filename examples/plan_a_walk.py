@@ -6,11 +6,11 @@ from sidestep import PRESETS, draw_map, instances, make_environment, routes, sce
 from sidestep.planners.time_dependent import Clairvoyant
 
 problem = scenario("paper-congested")
-place = draw_map(problem, seed=0)
-darp = train_darp(PRESETS["default"], problem, place)
+scenario_map = draw_map(problem, seed=0)
+darp = train_darp(PRESETS["default"], problem, scenario_map)
 
-crowds = make_environment(problem, place, "test", crowds=1)  # a future that training never met
-walk = instances(problem, place, crowds, walks=1)
+futures = make_environment(problem, scenario_map, "test", futures=1)  # a future that training never met
+walk = instances(problem, scenario_map, futures, walks=1)
 for planner in (darp, Clairvoyant()):
-    route = routes(planner, crowds, walk, jax.random.key(0), trace=50)[0]
+    route = routes(planner, futures, walk, jax.random.key(0), trace=50)[0]
     print(f"{planner.name}: {route.seconds / 60:.0f} min over {' '.join(map(str, route.nodes))}")

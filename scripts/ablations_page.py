@@ -100,12 +100,12 @@ def run(folder: Path, level: str, untrained: str) -> dict[str, object]:
     names = [*learned.factories, untrained]
     chosen = choose(names, {**BASELINES, **REPLANNING, **learned.factories})
     compared = compare(problem, chosen, maps=[0], walks=problem.walks)
-    rivals = [compared.as_json(rival=rival)["planners"] for rival in ("expected", untrained)]
+    baselines = [compared.as_json(baseline=baseline)["planners"] for baseline in ("expected", untrained)]
     planners = {
         name: {
-            "minutes": rivals[0][name]["mean_minutes"],
-            "regret": rivals[0][name]["regret"],
-            "over": [[rows[name]["difference_minutes"], *rows[name]["difference_ci95"]] for rows in rivals],
+            "minutes": baselines[0][name]["mean_minutes"],
+            "regret": baselines[0][name]["regret"],
+            "over": [[rows[name]["difference_minutes"], *rows[name]["difference_ci95"]] for rows in baselines],
         }
         for name in [*names, "expected"]
     }

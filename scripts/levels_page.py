@@ -97,8 +97,8 @@ class Goal:
     scenario: str
     row: str
     text: str
-    rival: str
-    towards: str = ""  # a share of the way from `rival` to here
+    baseline: str
+    towards: str = ""  # a share of the way from `baseline` to here
     share: float = 0.0
     strictly: bool = True  # the whole interval below zero, or only not above
 
@@ -186,7 +186,7 @@ def training(case: Case, level: str) -> list[str]:
 
 def judged(goal: Goal, compared: object) -> dict[str, object]:
     """The paired difference that a goal is about, and whether it is met."""
-    rows = compared.as_json(rival=goal.rival)["planners"]
+    rows = compared.as_json(baseline=goal.baseline)["planners"]
     row = rows[goal.row]
     less, more = row["difference_ci95"]
     difference = row["difference_minutes"]

@@ -61,13 +61,13 @@ def make_params() -> MakeParams:
 
     def make(
         network: RoadNetwork,
-        crowds: SpeedField,
+        futures: SpeedField,
         expected: SpeedField | None = None,
         *,
         horizon: float = 1e5,
         rule: CrossingRule = "integrated",
     ) -> EnvParams:
-        several = crowds if crowds.speed.ndim == 3 else jax.tree.map(lambda leaf: leaf[None], crowds)
+        several = futures if futures.speed.ndim == 3 else jax.tree.map(lambda leaf: leaf[None], futures)
         usual = jax.tree.map(lambda leaf: leaf[:1] if expected is None else leaf[None], expected or several)
         return EnvParams(network, several, usual, jnp.float32(horizon), rule=rule)
 
@@ -82,13 +82,13 @@ def make_instance() -> MakeInstance:
         origin: int | list[int] = 0,
         destination: int | list[int] = 3,
         departure: float | list[float] = 0.0,
-        crowd: int | list[int] = 0,
+        future: int | list[int] = 0,
     ) -> Instance:
-        shape = np.broadcast_shapes(*(np.shape(each) for each in (origin, destination, departure, crowd)))
+        shape = np.broadcast_shapes(*(np.shape(each) for each in (origin, destination, departure, future)))
         return Instance(
             *(jnp.broadcast_to(jnp.asarray(node, jnp.int32), shape) for node in (origin, destination)),
             jnp.broadcast_to(jnp.asarray(departure, jnp.float32), shape),
-            jnp.broadcast_to(jnp.asarray(crowd, jnp.int32), shape),
+            jnp.broadcast_to(jnp.asarray(future, jnp.int32), shape),
         )
 
     return make

@@ -80,7 +80,7 @@ def test_the_model_is_what_the_run_shows(saved):
 
 LOCAL = dataclasses.replace(
     preset("default", "local"), rounds=1, round_steps=32, walkers=8, batch=16, capacity=64, hidden=(8,), places=2,
-    n_step=2, crowds=4, fresh_crowds=2, test_walks=2,
+    n_step=2, futures=4, fresh_futures=2, test_walks=2,
 )  # fmt: skip
 UNSEEN = scenario("unseen-maps", side=3, larger=(4,), crowded_nodes=1, training_maps=2, horizon=3600.0)
 
@@ -92,19 +92,19 @@ UNSEEN = scenario("unseen-maps", side=3, larger=(4,), crowded_nodes=1, training_
         (dataclasses.replace(PRESETS["tabular-q"], rounds=1, round_steps=640), PROBLEM),
         (LOCAL, scenario("rush-16", side=3, crowded_nodes=1, horizon=3600.0)),
         (LOCAL, scenario("shifting-crowds", side=3, crowded_nodes=1, horizon=3600.0)),
-        (dataclasses.replace(LOCAL, level="map", places=0, goals=2), UNSEEN),
+        (dataclasses.replace(LOCAL, level="map", places=0, destinations=2), UNSEEN),
     ],
     ids=["position", "table", "local", "shifting", "unseen"],
 )
 def test_a_model_has_the_same_values_when_it_is_read_again(config, problem, tmp_path):
-    place = draw_training_map(problem, 1)
-    ((state, report),) = train(config, problem, place)
-    run = TrainingRun(problem, 1, 0, config, (tuple(report.test_minutes.tolist()),), fingerprint(place), state)
+    scenario_map = draw_training_map(problem, 1)
+    ((state, report),) = train(config, problem, scenario_map)
+    run = TrainingRun(problem, 1, 0, config, (tuple(report.test_minutes.tolist()),), fingerprint(scenario_map), state)
     checkpoint.save(run, tmp_path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["checkpoint.eqx", "model.eqx"]
     model = checkpoint.load_model(tmp_path)
     assert (model.scenario, model.config) == (problem, config)  # lists are tuples again
-    assert model.fingerprint == fingerprint(place)
+    assert model.fingerprint == fingerprint(scenario_map)
     values = jax.jit(lambda network, seen: jax.vmap(network)(seen))
     seen = state.walkers.observation
     before = np.asarray(values(run.network, seen))

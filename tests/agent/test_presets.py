@@ -40,7 +40,7 @@ def test_the_paper_preset_is_the_papers_numbers() -> None:
     # Prioritised, as the text says, with dueling heads; single steps to one destination.
     assert paper.alpha > 0
     assert (paper.level, paper.table, paper.dueling) == ("position", False, True)
-    assert (paper.n_step, paper.goals, paper.test_walks, paper.fresh_crowds) == (1, 1, 10, 0)
+    assert (paper.n_step, paper.destinations, paper.test_walks, paper.fresh_futures) == (1, 1, 10, 0)
 
 
 @pytest.mark.parametrize("name", ["paper-unblocked", "paper-congested"])
@@ -67,7 +67,7 @@ def test_presets_fit_together(config: TrainConfig) -> None:
     assert config.batch <= config.capacity
     assert config.n_step <= config.iterations
     # All crowds are replaced in turn, each as often as the others.
-    assert config.fresh_crowds == 0 or config.crowds % config.fresh_crowds == 0
+    assert config.fresh_futures == 0 or config.futures % config.fresh_futures == 0
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -90,7 +90,7 @@ def test_presets_by_name() -> None:
 def test_nothing_is_remembered_of_places_where_several_maps_are_learned(level: str) -> None:
     one, several = preset("default", level), preset("default", level, several_maps=True)
     assert several.places == 0
-    assert several.goals > 1
+    assert several.destinations > 1
     assert (one.places > 0) == (level != "live")
     assert (several.level, several.n_step) == (level, one.n_step)
 
@@ -113,8 +113,8 @@ def test_forecasts_of_large_maps_are_few(level: str) -> None:
     small, large = (preset("default", level, nodes=nodes) for nodes in (256, 1024))
     assert small == preset("default", level)
     assert (large == small) == (level != "live")
-    assert large.crowds <= small.crowds
-    assert preset("dqn", level, nodes=1024).crowds == large.crowds
+    assert large.futures <= small.futures
+    assert preset("dqn", level, nodes=1024).futures == large.futures
 
 
 def test_a_table_never_overshoots() -> None:
@@ -138,16 +138,16 @@ def test_a_table_never_overshoots() -> None:
         ({"capacity": 20_000}, "capacity must be a multiple of the 64 walkers, not 20000"),
         ({"n_step": 0}, "n_step must be at least 1, not 0"),
         ({"n_step": 41}, "n_step must be at most the 40 iterations of a round, not 41"),
-        ({"goals": 0}, "goals must be at least 1, not 0"),
-        ({"crowds": 0}, "crowds must be at least 1, not 0"),
+        ({"destinations": 0}, "destinations must be at least 1, not 0"),
+        ({"futures": 0}, "futures must be at least 1, not 0"),
         ({"test_walks": 0}, "test_walks must be at least 1, not 0"),
         ({"epsilon_share": 0.0}, "epsilon_share must lie above 0 and up to 1, not 0"),
         ({"random_origins": 1.1}, "random_origins must lie between 0 and 1, not 1.1"),
-        ({"goals": 2}, "a walker that sees its position alone cannot tell 2 destinations apart"),
+        ({"destinations": 2}, "a walker that sees its position alone cannot tell 2 destinations apart"),
         ({"places": -1}, "places must not be negative, not -1"),
-        ({"fresh_crowds": -2}, "fresh_crowds must not be negative, not -2"),
-        ({"fresh_crowds": 10}, "fresh_crowds must divide the 64 crowds, so 10 will not do"),
-        ({"fresh_crowds": 128}, "fresh_crowds must divide the 64 crowds, so 128 will not do"),
+        ({"fresh_futures": -2}, "fresh_futures must not be negative, not -2"),
+        ({"fresh_futures": 10}, "fresh_futures must divide the 64 futures, so 10 will not do"),
+        ({"fresh_futures": 128}, "fresh_futures must divide the 64 futures, so 128 will not do"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(setting: dict[str, float], message: str) -> None:
@@ -159,24 +159,24 @@ def test_settings_that_cannot_be_are_refused(setting: dict[str, float], message:
     ("setting", "fits"),
     [
         # Crowd c is for goal c modulo goals: of 48 crowds with 2 fresh ones, 5 goals or 4 would get mixed up.
-        ({"goals": 2}, True),
-        ({"goals": 4, "fresh_crowds": 4}, True),
-        ({"goals": 4}, False),
-        ({"goals": 5}, False),
-        ({"goals": 3, "fresh_crowds": 0}, True),
+        ({"destinations": 2}, True),
+        ({"destinations": 4, "fresh_futures": 4}, True),
+        ({"destinations": 4}, False),
+        ({"destinations": 5}, False),
+        ({"destinations": 3, "fresh_futures": 0}, True),
     ],
 )
 def test_at_level_live_goals_divide_the_crowds(setting: dict[str, float], fits: bool) -> None:
-    live = changed(preset("default", "live"), crowds=48, fresh_crowds=2)
+    live = changed(preset("default", "live"), futures=48, fresh_futures=2)
     if fits:
-        assert changed(live, **setting).goals == setting["goals"]
+        assert changed(live, **setting).destinations == setting["destinations"]
         return
     with pytest.raises(
         TrainConfigError, match="at level live goals must divide the 48 crowds and the 2 fresh ones, so"
     ):
         changed(live, **setting)
     # at the other levels what is known is the same for all crowds
-    assert changed(preset("default", "map"), **setting).goals == setting["goals"]
+    assert changed(preset("default", "map"), **setting).destinations == setting["destinations"]
 
 
 def test_a_whole_round_may_be_one_return() -> None:
@@ -190,15 +190,15 @@ def test_changed_leaves_what_is_none() -> None:
 
 def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> None:
     problem = scenario("paper-congested", flows="forecast")
-    place = draw_map(problem, seed=1)
+    scenario_map = draw_map(problem, seed=1)
     rounds: list[int] = []
-    darp = train_darp(PRESETS["default"], problem, place, lambda number, _: rounds.append(number))
+    darp = train_darp(PRESETS["default"], problem, scenario_map, lambda number, _: rounds.append(number))
     assert rounds == list(range(1, PRESETS["default"].rounds + 1))
-    params = make_environment(problem, place, "test", 1)
-    todo = instances(problem, place, params, 1)
+    params = make_environment(problem, scenario_map, "test", 1)
+    todo = instances(problem, scenario_map, params, 1)
 
     def walk(planner: Planner) -> Walk:
-        return walk_plan(planner, params, planner.plan(params, todo), todo, purpose_key(place, "test"))
+        return walk_plan(planner, params, planner.plan(params, todo), todo, purpose_key(scenario_map, "test"))
 
     learned, best, shortest = walk(darp), walk(Clairvoyant()), walk(ShortestPath())
     assert learned.arrived.all()

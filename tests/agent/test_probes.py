@@ -20,7 +20,7 @@ from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.types import EnvParams, Instance, Observation
 from sidestep.network.graph import road_network
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.maps import CrowdedMap
+from sidestep.scenarios.maps import ScenarioMap
 from sidestep.walking.speed_field import speed_field
 
 METRES = 60.0  # of every street
@@ -56,14 +56,14 @@ def learn(config: TrainConfig, params: EnvParams, destination: int) -> tuple[np.
         origins=jnp.array([[node for node in range(nodes) if node != destination]]),
         destinations=jnp.full((1, nodes - 1), destination),
         departures=jnp.zeros(2),
-        crowds=jnp.int32(params.crowds.count),
+        futures=jnp.int32(params.futures.count),
     )
     walks = [jnp.full(2, number) for number in (0, destination)]
-    tests = Instance(*walks, jnp.zeros(2), jnp.array([0, params.crowds.count - 1]))
+    tests = Instance(*walks, jnp.zeros(2), jnp.array([0, params.futures.count - 1]))
     # Training takes from a map only its random stream: what it meets is in the environment.
     flow = ArimaFlow(jnp.zeros(params.network.segments), load_fitted())
-    place = CrowdedMap(params.network, flow, jax.random.key(0), (nodes,))
-    state = start(config, scenario("paper-unblocked"), params, anywhere, place)
+    scenario_map = ScenarioMap(params.network, flow, jax.random.key(0), (nodes,))
+    state = start(config, scenario("paper-unblocked"), params, anywhere, scenario_map)
     for _ in range(config.rounds):
         state, report = train_round(config, params, anywhere, tests, state)
     seen = jax.vmap(Observation)(

@@ -161,8 +161,8 @@ def test_a_leaf_named_twice_keeps_one_of_its_values(pairs: list[tuple[int, int]]
     tree = set_leaves(tree_of(np.full(40, 20)), jnp.asarray(leaf), jnp.asarray(value, jnp.float32))
     assert_consistent(tree)
     kept = leaves_of(tree)[:40]
-    for place in range(40):
-        assert kept[place] in (set(value[leaf == place]) or {20})
+    for scenario_map in range(40):
+        assert kept[scenario_map] in (set(value[leaf == scenario_map]) or {20})
     assert tree.total == kept.sum()
 
 
@@ -253,15 +253,15 @@ def test_importance_weights() -> None:
 def test_a_sample_is_items_at_their_places_with_their_weights() -> None:
     replay = replay_of([1.0, 3.0, 0.0, 4.0])
     # Total 8, four strata of 2; the middle of each: mass 1, 3, 5, 7. Leaf 0 holds [0, 1), 1 [1, 4), 3 [4, 8).
-    place, batch, weight = sample(replay, jnp.full(4, 0.5), 1.0)
-    assert place.tolist() == [1, 1, 3, 3]
+    scenario_map, batch, weight = sample(replay, jnp.full(4, 0.5), 1.0)
+    assert scenario_map.tolist() == [1, 1, 3, 3]
     assert batch["number"].tolist() == [1, 1, 3, 3]
     assert batch["pair"].tolist() == [[1, -1], [1, -1], [3, -3], [3, -3]]
     # Weights are in proportion to 1 / 3, 1 / 3, 1 / 4, 1 / 4.
     np.testing.assert_allclose(weight, [1, 1, 0.75, 0.75], rtol=1e-6)
     # The beginnings of the strata, mass 0, 2, 4, 6: weights as 1 / 1, 1 / 3, 1 / 4, 1 / 4, to the power of β = .5.
-    place, _, weight = sample(replay, jnp.zeros(4), 0.5)
-    assert place.tolist() == [0, 1, 3, 3]
+    scenario_map, _, weight = sample(replay, jnp.zeros(4), 0.5)
+    assert scenario_map.tolist() == [0, 1, 3, 3]
     np.testing.assert_allclose(weight, [1, 3**-0.5, 0.5, 0.5], rtol=1e-6)
 
 
@@ -283,8 +283,8 @@ def test_alpha_zero_is_uniform_replay() -> None:
     replay = reprioritise(replay, jnp.arange(4), jnp.array([0.0, 1e-3, 7.0, -900.0]), alpha=0.0, floor=0.01)
     replay = add(replay, items(10, 11), 2)
     assert priorities_of(replay) == [1] * 8
-    place, _, weight = sample(replay, jnp.full(8, 0.5), 1.0)
-    assert place.tolist() == list(range(8))
+    scenario_map, _, weight = sample(replay, jnp.full(8, 0.5), 1.0)
+    assert scenario_map.tolist() == list(range(8))
     assert weight.tolist() == [1] * 8
 
 

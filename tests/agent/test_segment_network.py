@@ -21,22 +21,22 @@ from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
-from sidestep.scenarios.maps import CrowdedMap, draw_map
+from sidestep.scenarios.maps import ScenarioMap, draw_map
 from sidestep.scenarios.model import Scenario
 
 KEY = jax.random.key(4)
 LEVELS = ("local", "map", "live")
 UNIT_SECONDS = 60.0
 
-Rush = tuple[Scenario, CrowdedMap, EnvParams]
+Rush = tuple[Scenario, ScenarioMap, EnvParams]
 
 
 @pytest.fixture(scope="module")
 def rush() -> Rush:
     """Four by four nodes, whose corners have two exits and whose sides three, with eight futures."""
     small = scenario("rush-16", side=4, crowded_nodes=1, horizon=2 * 3600.0)
-    place = draw_map(small, 3)
-    return small, place, make_environment(small, place, "test", 8, level="live")
+    scenario_map = draw_map(small, 3)
+    return small, scenario_map, make_environment(small, scenario_map, "test", 8, level="live")
 
 
 def fresh(network: RoadNetwork, level: str, **changes) -> SegmentQNetwork:
@@ -73,9 +73,9 @@ def sights(rush) -> dict[str, Observation]:
     params = rush[2]
     node = jnp.arange(params.network.nodes - 1)
     clock = jnp.linspace(0, 6000, len(node))
-    instance = Instance(node, jnp.full(len(node), params.network.nodes - 1), clock, node % params.crowds.count)
-    trail = jnp.stack([(node + 1) % params.network.nodes, *[jnp.full(len(node), -1)] * 7], axis=1)
-    states = jax.vmap(EnvState)(node, clock, instance, trail, jnp.zeros_like(node))
+    instance = Instance(node, jnp.full(len(node), params.network.nodes - 1), clock, node % params.futures.count)
+    recent_nodes = jnp.stack([(node + 1) % params.network.nodes, *[jnp.full(len(node), -1)] * 7], axis=1)
+    states = jax.vmap(EnvState)(node, clock, instance, recent_nodes, jnp.zeros_like(node))
     return {level: jax.jit(jax.vmap(partial(observe, at_level(params, level))))(states) for level in LEVELS}
 
 
@@ -125,8 +125,8 @@ def test_without_potential_it_knows_nothing(rush, sights) -> None:
     ("level", "planner"), [("local", GreedyLocal()), ("map", GreedyMap()), ("live", Forecast())], ids=LEVELS
 )
 def test_untrained_it_walks_as_its_levels_greedy_planner(rush, level: str, planner) -> None:
-    small, place, params = rush
-    todo = instances(small, place, params, 20)
+    small, scenario_map, params = rush
+    todo = instances(small, scenario_map, params, 20)
     network = fresh(rush[2].network, level)
     found = routes(Darp(network, np.zeros((0, 10), np.float32), level), params, todo, KEY, 40)
     assert found == routes(planner, params, todo, KEY, 40)
@@ -134,8 +134,8 @@ def test_untrained_it_walks_as_its_levels_greedy_planner(rush, level: str, plann
 
 
 def test_without_potential_it_does_not(rush) -> None:
-    small, place, params = rush
-    todo = instances(small, place, params, 20)
+    small, scenario_map, params = rush
+    todo = instances(small, scenario_map, params, 20)
     network = fresh(rush[2].network, "map", potential=False)
     found = routes(Darp(network, np.zeros((0, 10), np.float32), "map"), params, todo, KEY, 40)
     # All are worth the same, so it takes the first exit, up, as far as it goes, and then paces.

@@ -21,9 +21,8 @@ from sidestep.agent.td import mask
 from sidestep.agent.train import RoundReport, TrainState, Transition, _td_error, optimiser, train
 from sidestep.environment.types import EnvParams, Observation, RewardWeights
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.episodes import destinations
-from sidestep.scenarios.futures import new_crowds, put_crowds
-from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map
+from sidestep.scenarios.futures import replace_futures, sample_futures
+from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 from sidestep.scenarios.model import Scenario
 
 # --- The optimiser --------------------------------------------------------------------------------------------------
@@ -113,7 +112,7 @@ def problem() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def place(problem: Scenario) -> CrowdedMap:
+def scenario_map(problem: Scenario) -> ScenarioMap:
     return draw_map(problem, seed=6)
 
 
@@ -135,9 +134,9 @@ def follow_training(run: Iterator[tuple[TrainState, RoundReport]]) -> list[tuple
 
 
 @pytest.fixture(scope="module")
-def history(problem: Scenario, place: CrowdedMap) -> list[tuple[TrainState, RoundReport]]:
+def history(problem: Scenario, scenario_map: ScenarioMap) -> list[tuple[TrainState, RoundReport]]:
     """State and report after every iteration."""
-    return follow_training(train(SMALL, problem, place))
+    return follow_training(train(SMALL, problem, scenario_map))
 
 
 @pytest.fixture(scope="module")
@@ -175,9 +174,9 @@ def test_the_target_is_copied_every_k_iterations(states: list[TrainState]) -> No
         assert eqx.tree_equal(after.target, after.network if copied else before.target)
 
 
-def test_the_target_moves_part_of_the_way(problem: Scenario, place: CrowdedMap) -> None:
+def test_the_target_moves_part_of_the_way(problem: Scenario, scenario_map: ScenarioMap) -> None:
     config = dataclasses.replace(SMALL, target_period=2, target_rate=0.25)
-    run = [state for state, _ in follow_training(islice(train(config, problem, place), 5))]
+    run = [state for state, _ in follow_training(islice(train(config, problem, scenario_map), 5))]
     for before, after in pairwise(run):
         if int(after.iteration) % 2:
             assert eqx.tree_equal(after.target, before.target)
@@ -187,12 +186,12 @@ def test_the_target_moves_part_of_the_way(problem: Scenario, place: CrowdedMap) 
             assert not eqx.tree_equal(after.target, before.target, rtol=1e-4, atol=1e-4)
 
 
-def test_what_the_replay_holds_happened(states: list[TrainState], problem: Scenario, place: CrowdedMap) -> None:
+def test_what_the_replay_holds_happened(states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap) -> None:
     for before, after in pairwise(states):
         seen = latest(after)
         assert eqx.tree_equal(seen.observation_tm1, before.walkers.observation)
         np.testing.assert_array_equal(
-            np.asarray(place.network.exit_node)[seen.observation_tm1.node, seen.a_tm1], seen.observation_t.node
+            np.asarray(scenario_map.network.exit_node)[seen.observation_tm1.node, seen.a_tm1], seen.observation_t.node
         )
         # Who is still on the way stands where the transition ended; the others have begun anew.
         over = (seen.observation_t.node == problem.destination) | truncated(after, problem)
@@ -212,8 +211,8 @@ def test_arriving_ends_the_future_and_the_horizon_does_not(states: list[TrainSta
     assert cut > 0  # walks were cut off, and the line above found the 0.9 beside them
 
 
-def test_reward_is_minutes_and_progress(states: list[TrainState], problem: Scenario, place: CrowdedMap) -> None:
-    position = np.asarray(place.network.position)
+def test_reward_is_minutes_and_progress(states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap) -> None:
+    position = np.asarray(scenario_map.network.position)
     far = np.linalg.norm(position - position[problem.destination], axis=1)
     for before, after in pairwise(states):
         seen = latest(after)
@@ -278,11 +277,11 @@ def test_the_best_network_is_that_of_the_shortest_tests(history: list[tuple[Trai
 
 @pytest.mark.parametrize(("best_so_far", "replaced"), [(1.0, False), (1000.0, True)])
 def test_the_best_network_stays_until_a_better_one_comes(
-    states: list[TrainState], problem: Scenario, place: CrowdedMap, best_so_far: float, replaced: bool
+    states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap, best_so_far: float, replaced: bool
 ) -> None:
     other = jax.tree.map(lambda leaf: leaf + 1, states[0].network)
     before = eqx.tree_at(lambda s: (s.best, s.best_minutes), states[8], (other, np.float32(best_so_far)))
-    after, report = follow_training(islice(train(SMALL, problem, place, on_device(before)), 1))[0]
+    after, report = follow_training(islice(train(SMALL, problem, scenario_map, on_device(before)), 1))[0]
     assert 1 < report.test_minutes.mean() < 1000
     assert eqx.tree_equal(after.best, after.network if replaced else other)
     assert after.best_minutes == (report.test_minutes.mean() if replaced else best_so_far)
@@ -296,14 +295,14 @@ def test_keep_chooses_between_best_and_last(states: list[TrainState], problem: S
 
 
 def test_the_same_seed_gives_the_same_run_to_the_bit(
-    history: list[tuple[TrainState, RoundReport]], problem: Scenario, place: CrowdedMap
+    history: list[tuple[TrainState, RoundReport]], problem: Scenario, scenario_map: ScenarioMap
 ) -> None:
     again = follow_training(train(SMALL, problem, draw_map(problem, seed=6)))
     assert len(again) == len(history)
     for one, other in zip(again, history, strict=True):
         assert eqx.tree_equal(one, other)
     # Another stream on the same map, crowds included, gives another run.
-    elsewhere = eqx.tree_at(lambda p: p.key, place, draw_map(problem, seed=7).key)
+    elsewhere = eqx.tree_at(lambda p: p.key, scenario_map, draw_map(problem, seed=7).key)
     other = follow_training(islice(train(SMALL, problem, elsewhere), 3))[-1][0]
     assert not np.allclose(other.network.value.weight, history[2][0].network.value.weight, atol=1e-3)
     assert not np.array_equal(other.replay.items.a_tm1, history[2][0].replay.items.a_tm1)
@@ -311,17 +310,17 @@ def test_the_same_seed_gives_the_same_run_to_the_bit(
 
 @pytest.mark.parametrize("rounds", [1, 7, 19])
 def test_resumed_training_is_the_same_to_the_bit(
-    history: list[tuple[TrainState, RoundReport]], problem: Scenario, place: CrowdedMap, rounds: int
+    history: list[tuple[TrainState, RoundReport]], problem: Scenario, scenario_map: ScenarioMap, rounds: int
 ) -> None:
     stored = jax.tree.map(np.copy, history[rounds - 1][0])
-    resumed = follow_training(train(SMALL, problem, place, on_device(stored)))
+    resumed = follow_training(train(SMALL, problem, scenario_map, on_device(stored)))
     assert len(resumed) == 20 - rounds
     for one, other in zip(resumed, history[rounds:], strict=True):
         assert eqx.tree_equal(one, other)
 
 
-def test_a_finished_run_does_not_go_on(states: list[TrainState], problem: Scenario, place: CrowdedMap) -> None:
-    assert list(train(SMALL, problem, place, on_device(states[-1]))) == []
+def test_a_finished_run_does_not_go_on(states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap) -> None:
+    assert list(train(SMALL, problem, scenario_map, on_device(states[-1]))) == []
 
 
 # --- Returns of several steps ---------------------------------------------------------------------------------------
@@ -406,13 +405,13 @@ def test_until_three_steps_are_made_single_ones_are_handed_on(strolls: dict[int,
 
 LOCAL = dataclasses.replace(
     preset("default", "local"), rounds=6, round_steps=64, walkers=16, batch=16, capacity=64, hidden=(8,), places=2,
-    n_step=3, crowds=4, fresh_crowds=2, test_walks=2,
+    n_step=3, futures=4, fresh_futures=2, test_walks=2,
 )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def refreshed(problem: Scenario, place: CrowdedMap) -> list[tuple[TrainState, RoundReport]]:
-    return follow_training(train(LOCAL, problem, place))
+def refreshed(problem: Scenario, scenario_map: ScenarioMap) -> list[tuple[TrainState, RoundReport]]:
+    return follow_training(train(LOCAL, problem, scenario_map))
 
 
 @pytest.mark.parametrize(
@@ -430,26 +429,26 @@ def refreshed(problem: Scenario, place: CrowdedMap) -> list[tuple[TrainState, Ro
 def test_with_fresh_crowds_and_returns_of_several_steps_training_resumes_to_the_bit(
     refreshed: list[tuple[TrainState, RoundReport]],
     problem: Scenario,
-    place: CrowdedMap,
+    scenario_map: ScenarioMap,
     monkeypatch: pytest.MonkeyPatch,
     rounds: int,
     renewals: list[tuple[int, int]],
 ) -> None:
     drawn, put = [], []
 
-    def draw(*args: Any, crowds: int) -> Any:
-        assert crowds == 2
+    def draw(*args: Any, futures: int) -> Any:
+        assert futures == 2
         drawn.append(args[3])
-        return new_crowds(*args, crowds=crowds)
+        return sample_futures(*args, futures=futures)
 
     def replace(params: EnvParams, futures: Any, first: jax.Array) -> EnvParams:
         put.append(int(first))
-        return put_crowds(params, futures, first)
+        return replace_futures(params, futures, first)
 
     monkeypatch.setattr(training, "new_crowds", draw)
     monkeypatch.setattr(training, "put_crowds", replace)
     state = on_device(refreshed[rounds - 1][0]) if rounds else None
-    resumed = follow_training(train(LOCAL, problem, place, state))
+    resumed = follow_training(train(LOCAL, problem, scenario_map, state))
     assert list(zip(drawn, put, strict=False)) == renewals
     assert len(resumed) == 6 - rounds
     for one, other in zip(resumed, refreshed[rounds:], strict=True):
@@ -459,11 +458,11 @@ def test_with_fresh_crowds_and_returns_of_several_steps_training_resumes_to_the_
 def test_fresh_crowds_are_met(
     refreshed: list[tuple[TrainState, RoundReport]],
     problem: Scenario,
-    place: CrowdedMap,
+    scenario_map: ScenarioMap,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(training, "put_crowds", lambda params, _futures, _first: params)
-    stale = follow_training(islice(train(LOCAL, problem, place), 2))
+    stale = follow_training(islice(train(LOCAL, problem, scenario_map), 2))
     assert eqx.tree_equal(refreshed[0], stale[0])
     # From the second round on walkers meet others.
     assert not eqx.tree_equal(refreshed[1][0].replay.items.r_t, stale[1][0].replay.items.r_t)
@@ -473,16 +472,16 @@ def test_several_maps_and_destinations_are_learned_together() -> None:
     several = scenario("unseen-maps", side=3, larger=(), training_maps=2, crowded_nodes=1, horizon=3600.0)
     config = dataclasses.replace(
         preset("default", "live", several_maps=True), rounds=2, round_steps=256, walkers=64, batch=32, capacity=256,
-        hidden=(8,), n_step=2, goals=2, crowds=4, fresh_crowds=2, test_walks=4,
+        hidden=(8,), n_step=2, destinations=2, futures=4, fresh_futures=2, test_walks=4,
     )  # fmt: skip
-    place = draw_training_map(several, seed=3)
-    assert place.parts == (9, 9)
-    goals = destinations(place.parts, 2)
-    states = [state for state, _ in follow_training(train(config, several, place))]
+    scenario_map = draw_training_map(several, seed=3)
+    assert scenario_map.parts == (9, 9)
+    destinations = standard_destinations(scenario_map.parts, 2)
+    states = [state for state, _ in follow_training(train(config, several, scenario_map))]
     assert len(states) == 2
     walks = states[-1].walkers.state.instance
     # Every walk stays on its own map, and heads for one of the goals there.
     part, heads_for = walks.origin // 9, walks.destination
     np.testing.assert_array_equal(part, heads_for // 9)
-    assert set(heads_for.tolist()) == set(goals.ravel().tolist())
-    np.testing.assert_array_equal(heads_for, goals[walks.crowd % 2, part])
+    assert set(heads_for.tolist()) == set(destinations.ravel().tolist())
+    np.testing.assert_array_equal(heads_for, destinations[walks.future % 2, part])

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sidestep.crowds.interpolation import FADED, NEAR, Spread, spread_along, walking_distances
+from sidestep.crowds.interpolation import FADED, NEAR, InterpolationWeights, interpolation_weights, walking_distances
 from sidestep.network.graph import NetworkError, RoadNetwork, road_network
 
 
@@ -25,7 +25,7 @@ def streets(*ends: tuple[int, int, float], one_way: bool = False) -> RoadNetwork
 LINE = streets(*((node, node + 1, 100.0) for node in range(5)))
 
 
-def shares(spread: Spread, sensors: int) -> np.ndarray:
+def shares(spread: InterpolationWeights, sensors: int) -> np.ndarray:
     """Of each sensor in what each segment hears, [segment, sensor]."""
     dense = np.zeros((len(spread.sensor), sensors))
     np.add.at(dense, (np.arange(len(dense))[:, None], np.asarray(spread.sensor)), np.asarray(spread.weight))
@@ -33,7 +33,7 @@ def shares(spread: Spread, sensors: int) -> np.ndarray:
 
 
 def heard(network: RoadNetwork, at: list[int], reach: float) -> np.ndarray:
-    return shares(spread_along(network, np.array(at), reach), len(at))
+    return shares(interpolation_weights(network, np.array(at), reach), len(at))
 
 
 # --- Distances ------------------------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ def test_sensors_on_one_street_share_it() -> None:
 
 def test_the_four_nearest_are_heard() -> None:
     assert NEAR == 4
-    spread = spread_along(LINE, np.arange(5), 1000.0)
+    spread = interpolation_weights(LINE, np.arange(5), 1000.0)
     assert spread.sensor.shape == (10, 4)
     # Street 0 hears 0, 100, 200 and 300 m: 1, .904837, .818731, .740818, together 3.464386
     found = shares(spread, 5)
@@ -105,7 +105,7 @@ def test_the_four_nearest_are_heard() -> None:
 
 
 def test_everywhere_by_hand() -> None:
-    spread = Spread(jnp.array([[0, 2], [1, 0]]), jnp.array([[0.5, 0.25], [1.0, 0.0]]))
+    spread = InterpolationWeights(jnp.array([[0, 2], [1, 0]]), jnp.array([[0.5, 0.25], [1.0, 0.0]]))
     # .5 * 2 + .25 * 8 and 4; then with other crowds
     assert spread.everywhere(jnp.array([2.0, 4, 8])).tolist() == [3, 4]
     assert spread.everywhere(jnp.array([[[2.0, 4, 8]], [[0, 1, 4]]])).tolist() == [[[3, 4]], [[1, 1]]]
@@ -124,7 +124,7 @@ def test_everywhere_by_hand() -> None:
 )
 def test_sensors_that_cannot_be(at: list[int], reach: float, says: str) -> None:
     with pytest.raises(NetworkError) as caught:
-        spread_along(LINE, np.array(at, np.int64), reach)
+        interpolation_weights(LINE, np.array(at, np.int64), reach)
     assert says in str(caught.value)
 
 
@@ -144,7 +144,7 @@ def test_shares_fade_with_the_distance(length: np.ndarray, at: list[int], reach:
     # Parallel streets of one length could not be told apart.
     length = np.append(length[:-1], length[0] + length[-1])
     network = streets(*((tail, head, metres) for (tail, head), metres in zip(RING, length, strict=True)))
-    spread = spread_along(network, np.array(at), reach)
+    spread = interpolation_weights(network, np.array(at), reach)
     weight, sensor = np.asarray(spread.weight), np.asarray(spread.sensor)
     assert ((weight >= 0) & (weight <= 1)).all()
     assert (weight.sum(axis=1) <= 1 + 1e-6).all()
@@ -175,7 +175,7 @@ def test_shares_fade_with_the_distance(length: np.ndarray, at: list[int], reach:
 @settings(max_examples=25)
 @given(hnp.arrays(np.float32, (2, 3), elements=st.floats(0, 8, width=32)), st.floats(0, 4, width=32))
 def test_twice_as_many_at_the_sensors_are_twice_as_many_everywhere(sensed: np.ndarray, times: float) -> None:
-    spread = spread_along(LINE, np.array([0, 3, 9]), 100.0)
+    spread = interpolation_weights(LINE, np.array([0, 3, 9]), 100.0)
     one, other = (np.asarray(spread.everywhere(jnp.asarray(row))) for row in sensed)
     both = np.asarray(spread.everywhere(jnp.asarray(sensed[0] + times * sensed[1])))
     np.testing.assert_allclose(both, one + times * other, rtol=1e-5, atol=1e-5)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.crowds.interpolation import Spread
+from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.sensors import Known, SensorFlow, SensorModel
 
 USUAL = 3.0  # of log(1 + count), in every hour
@@ -32,24 +32,24 @@ def flow(residual, since: float, deviation=DEVIATION, weekly=(0.0, 0.0), slot_se
         jnp.asarray(MEMORY, floats),
         jnp.eye(2),
     )
-    spread = Spread(jnp.array([[0], [1]]), jnp.ones((2, 1)))
+    spread = InterpolationWeights(jnp.array([[0], [1]]), jnp.ones((2, 1)))
     known = None if residual is None else Known(jnp.asarray(residual, floats), jnp.asarray(since, floats))
     return SensorFlow(model, spread, jnp.ones(2), jnp.array([12.5 + since]), slot_seconds, known=known)
 
 
 @partial(jax.jit, static_argnames="slots")
-def forecast(crowds: SensorFlow, slots: int = SLOTS):
-    return crowds.expected(slots).sensed[0]
+def forecast(futures: SensorFlow, slots: int = SLOTS):
+    return futures.expected(slots).sensed[0]
 
 
 @partial(jax.jit, static_argnames="slots")
-def draw(crowds: SensorFlow, seed: int = 0, slots: int = SLOTS):
-    return crowds.draw(jax.random.key(seed), CROWDS, slots).sensed
+def draw(futures: SensorFlow, seed: int = 0, slots: int = SLOTS):
+    return futures.draw(jax.random.key(seed), CROWDS, slots).sensed
 
 
 @partial(jax.jit, static_argnames="slots")
-def ahead(crowds: SensorFlow, now, slots: int):
-    return crowds.ahead(now, jnp.int32(0), slots)
+def ahead(futures: SensorFlow, now, slots: int):
+    return futures.ahead(now, jnp.int32(0), slots)
 
 
 def expected(residual, hours) -> np.ndarray:
@@ -115,11 +115,11 @@ def test_before_the_middle_of_the_counted_hour_crowds_are_as_counted() -> None:
 
 
 def test_futures_are_drawn_around_the_forecast() -> None:
-    crowds = flow([1.2, np.nan], 0.0)
-    drawn = np.asarray(draw(crowds, 1))
+    futures = flow([1.2, np.nan], 0.0)
+    drawn = np.asarray(draw(futures, 1))
     # at middles of hours, between which logarithms are straight lines and vary less
     at = [HOUR - 1, 2 * HOUR - 1, 3 * HOUR - 1]
-    assert drawn[:, at].mean(axis=0) == pytest.approx(np.asarray(forecast(crowds))[at], rel=0.03)
+    assert drawn[:, at].mean(axis=0) == pytest.approx(np.asarray(forecast(futures))[at], rel=0.03)
     # just after the counts, what is known hardly varies, and what is not varies as ever
     logs = np.log1p(drawn[:, 0])
     assert logs[:, 0].std() < 0.05
@@ -130,15 +130,15 @@ def test_live_walkers_forecast_from_the_same_counts() -> None:
     # The middle of the first slot is that of the counted hour; later ones are between the hours.
     for slot_seconds in (3600.0, 300.0):
         since = -slot_seconds / 2 / 3600
-        crowds = flow([1.0, -0.5], since, weekly=(0.3, 0.1), slot_seconds=slot_seconds)
-        first = np.asarray(forecast(crowds))
-        assert np.asarray(ahead(crowds, first[0], SLOTS)) == pytest.approx(first, rel=1e-4)
+        futures = flow([1.0, -0.5], since, weekly=(0.3, 0.1), slot_seconds=slot_seconds)
+        first = np.asarray(forecast(futures))
+        assert np.asarray(ahead(futures, first[0], SLOTS)) == pytest.approx(first, rel=1e-4)
 
 
 def test_without_counts_nothing_changes() -> None:
     nothing, unknown = flow(None, 0.0), flow([np.nan, np.nan], 0.0)
     assert forecast(unknown) == pytest.approx(np.asarray(forecast(nothing)))
-    logs = [np.log1p(np.asarray(draw(crowds, 2))) for crowds in (nothing, unknown)]
+    logs = [np.log1p(np.asarray(draw(futures, 2))) for futures in (nothing, unknown)]
     assert logs[0].mean(axis=0) == pytest.approx(logs[1].mean(axis=0), abs=0.04)
     assert logs[0].std(axis=0) == pytest.approx(logs[1].std(axis=0), abs=0.03)
 
@@ -152,23 +152,23 @@ LEFT = np.array([0, 0.1344, 0.1824, 0.2016])
 FIRST = 0  # sensor, with a memory of 1/2
 
 
-def hourly(crowds: SensorFlow, seed: int = 3) -> np.ndarray:
+def hourly(futures: SensorFlow, seed: int = 3) -> np.ndarray:
     """How the logarithms of the first sensor's counts in four hours differ from the usual ones."""
-    return np.log1p(np.asarray(draw(crowds, seed, slots=4), np.float64))[..., FIRST] - USUAL
+    return np.log1p(np.asarray(draw(futures, seed, slots=4), np.float64))[..., FIRST] - USUAL
 
 
 def distributed(logs: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> None:
     """Within five standard errors; float32 tells logarithms of counts to some 1e-6."""
-    crowds = len(logs)
-    assert (abs(logs.mean(axis=0) - mean) <= 5 * np.sqrt(variance / crowds) + 1e-5).all()
-    assert (abs(logs.var(axis=0) - variance) <= 5 * variance * math.sqrt(2 / crowds) + 1e-9).all()
+    futures = len(logs)
+    assert (abs(logs.mean(axis=0) - mean) <= 5 * np.sqrt(variance / futures) + 1e-5).all()
+    assert (abs(logs.var(axis=0) - variance) <= 5 * variance * math.sqrt(2 / futures) + 1e-9).all()
 
 
 def test_a_part_of_what_was_counted_lasts() -> None:
-    crowds = flow([1.0, np.nan], weekly=(0.3, 0.0), **HOURLY)
-    found = np.asarray(forecast(crowds, slots=4))[:, FIRST]
+    futures = flow([1.0, np.nan], weekly=(0.3, 0.0), **HOURLY)
+    found = np.asarray(forecast(futures, slots=4))[:, FIRST]
     assert found == pytest.approx(np.expm1(USUAL + SHARE + LEFT / 2), rel=1e-4)
-    logs = hourly(crowds)
+    logs = hourly(futures)
     distributed(logs, SHARE, LEFT)
     # Of the hours after and two hours after, given the first: .17 - .17 * .13 / .25
     covariance = 0.0816
@@ -179,13 +179,13 @@ def test_a_part_of_what_was_counted_lasts() -> None:
 def test_what_differs_from_place_to_place_is_known_by_its_counts() -> None:
     # By .4 as well: variance .25 + .16 = .41, covariances .41, .33, .29, .27. The middle of a lognormal factor of mean
     # 1 is .08 lower, of logarithms, so that what was counted is by 1.08 more.
-    crowds = replace(flow([1.0, np.nan], weekly=(0.3, 0.0), **HOURLY), uneven=0.4)
+    futures = replace(flow([1.0, np.nan], weekly=(0.3, 0.0), **HOURLY), uneven=0.4)
     covariance = np.array([0.41, 0.33, 0.29, 0.27])
     mean, left = covariance / 0.41 * 1.08 - 0.08, 0.41 - covariance**2 / 0.41
     assert mean[0] == pytest.approx(1)
-    found = np.asarray(forecast(crowds, slots=4))
+    found = np.asarray(forecast(futures, slots=4))
     assert found[:, FIRST] == pytest.approx(np.expm1(USUAL + mean + left / 2), rel=1e-4)
-    distributed(hourly(crowds), mean, left)
+    distributed(hourly(futures), mean, left)
     # A sensor that is not known has the usual mean: that of its residuals, .2^2 / 2.
     assert found[:, 1] == pytest.approx(np.full(4, np.expm1(USUAL + 0.02)), rel=1e-4)
 
@@ -195,16 +195,16 @@ def test_counts_tell_as_much_as_their_hour_varies() -> None:
     # .09 + .4 * .2 / 2^hours: .13, .11, .10, and variances of .13.
     deviation = np.full((24, 2), 0.2)
     deviation[12] = 0.4
-    crowds = flow([1.0, np.nan], weekly=(0.3, 0.0), deviation=deviation, **HOURLY)
+    futures = flow([1.0, np.nan], weekly=(0.3, 0.0), deviation=deviation, **HOURLY)
     share = np.array([1, 0.52, 0.44, 0.4])
     left = np.array([0, 0.13 - 0.0676, 0.13 - 0.0484, 0.13 - 0.04])
-    found = np.asarray(forecast(crowds, slots=4))[:, FIRST]
+    found = np.asarray(forecast(futures, slots=4))[:, FIRST]
     assert found == pytest.approx(np.expm1(USUAL + share + left / 2), rel=1e-4)
-    distributed(hourly(crowds), share, left)
+    distributed(hourly(futures), share, left)
 
 
 def test_what_is_not_known_may_last_too() -> None:
-    crowds = flow([np.nan, 1.0], weekly=(0.3, 0.0), **HOURLY)
-    found = np.asarray(forecast(crowds, slots=4))[:, FIRST]
+    futures = flow([np.nan, 1.0], weekly=(0.3, 0.0), **HOURLY)
+    found = np.asarray(forecast(futures, slots=4))[:, FIRST]
     assert found == pytest.approx(np.full(4, np.expm1(USUAL + 0.125)), rel=1e-4)
-    distributed(hourly(crowds), np.zeros(4), np.full(4, 0.25))
+    distributed(hourly(futures), np.zeros(4), np.full(4, 0.25))

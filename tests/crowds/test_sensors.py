@@ -12,7 +12,7 @@ import pytest
 from sidestep.crowds.arima import SeriesError
 from sidestep.crowds.base import FlowModel, SensedField
 from sidestep.crowds.counts import CountsError, CountTable
-from sidestep.crowds.interpolation import Spread
+from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.sensors import FEWEST_HOURS, LEAST_DEVIATION, SensorFlow, SensorModel, fit_sensors, recorded_weeks
 
 HOUR = 3600.0
@@ -23,13 +23,13 @@ MANY = 4_000
 
 
 @partial(jax.jit, static_argnums=(2, 3))
-def _draw(flow: SensorFlow, key: jax.Array, crowds: int, slots: int) -> jax.Array:
-    return flow.draw(key, crowds, slots).sensed
+def _draw(flow: SensorFlow, key: jax.Array, futures: int, slots: int) -> jax.Array:
+    return flow.draw(key, futures, slots).sensed
 
 
-def draw(flow: SensorFlow, key: jax.Array = KEY, crowds: int = MANY, slots: int = 4) -> jax.Array:
+def draw(flow: SensorFlow, key: jax.Array = KEY, futures: int = MANY, slots: int = 4) -> jax.Array:
     """As many crowds and slots in most tests, so that they share compiled programs."""
-    return _draw(flow, key, crowds, slots)
+    return _draw(flow, key, futures, slots)
 
 
 @partial(jax.jit, static_argnames="slots")
@@ -38,8 +38,8 @@ def expected(flow: SensorFlow, slots: int = 4) -> jax.Array:
 
 
 @partial(jax.jit, static_argnames="slots")
-def ahead(flow: SensorFlow, now: jax.Array, slot: jax.Array, slots: int = 4, crowd: int = 0) -> jax.Array:
-    return flow.ahead(now, slot, slots, crowd)
+def ahead(flow: SensorFlow, now: jax.Array, slot: jax.Array, slots: int = 4, future: int = 0) -> jax.Array:
+    return flow.ahead(now, slot, slots, future)
 
 
 def near(found: np.ndarray, expected: float | np.ndarray, error: float | np.ndarray) -> None:
@@ -287,7 +287,7 @@ def test_weeks_in_which_a_sensor_was_dead() -> None:
 # Sensor 0 usually counts 3, 15, 63, 255 persons in the hours 0 to 3 of each day and 1,023 in all others, logarithms
 # (of one more) of 2, 4, 6, 8 and 10 times log 2; sensor 1 always 99, and stands where 200 count as one per m².
 DAY = np.array([2, 4, 6, 8] + [10] * 20) * math.log(2)
-ALL_EARS = Spread(jnp.array([[0, 1]]), jnp.array([[0.5, 0.5]]))
+ALL_EARS = InterpolationWeights(jnp.array([[0, 1]]), jnp.array([[0.5, 0.5]]))
 
 
 def sensor_flow(
@@ -352,8 +352,8 @@ def test_crowds_take_the_hours_in_turn() -> None:
     drawn, usual = np.asarray(draw(flow)), np.asarray(expected(flow))
     assert (usual[0] != usual[1]).any()
     np.testing.assert_allclose(drawn[:5], usual[[0, 1, 0, 1, 0]], rtol=1e-4)
-    for crowd in range(4):
-        np.testing.assert_allclose(ahead(flow, drawn[crowd, 0], 0, crowd=crowd), usual[crowd % 2], rtol=1e-4)
+    for future in range(4):
+        np.testing.assert_allclose(ahead(flow, drawn[future, 0], 0, future=future), usual[future % 2], rtol=1e-4)
 
 
 def test_it_is_a_flow_model() -> None:
@@ -462,10 +462,10 @@ RECORD = jnp.asarray(1 + np.arange(2)[:, None, None] + np.arange(WEEK)[:, None] 
 
 def recorded(start: list[float], slot_seconds: float = HOUR) -> np.ndarray:
     """Residuals of twenty crowds in four slots; their two sensors have one."""
-    flow, crowds = sensor_flow(start, slot_seconds, record=RECORD), 20
-    sensed = np.asarray(draw(flow, crowds=crowds), np.float64)
+    flow, futures = sensor_flow(start, slot_seconds, record=RECORD), 20
+    sensed = np.asarray(draw(flow, futures=futures), np.float64)
     usual = np.asarray(expected(replace(flow, record=None)), np.float64)
-    level = np.log1p(sensed / flow.per_count) - np.log1p(usual / flow.per_count)[np.arange(crowds) % len(start)]
+    level = np.log1p(sensed / flow.per_count) - np.log1p(usual / flow.per_count)[np.arange(futures) % len(start)]
     np.testing.assert_allclose(level[..., 0], level[..., 1], atol=1e-4)
     return level[..., 0]
 
@@ -548,8 +548,8 @@ def test_ahead_is_the_mean_of_what_comes_after_such_counts(uneven) -> None:
         told = np.asarray(jax.vmap(partial(ahead, uneven, slots=4), (0, None))(futures[:, slot], jnp.int32(slot)))
         later, forecast = np.asarray(futures, np.float64)[:, slot + 1 :], told[:, 1 : 4 - slot]
         miss = later / forecast - 1
-        surprise = np.log(np.asarray(futures)[:, slot, None] / np.exp(6))
-        for each in (miss, miss * surprise):
+        log_density_ratio = np.log(np.asarray(futures)[:, slot, None] / np.exp(6))
+        for each in (miss, miss * log_density_ratio):
             near(each.mean(axis=0), 0, each.std(axis=0) / math.sqrt(MANY))
 
 

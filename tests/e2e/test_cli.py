@@ -87,7 +87,7 @@ def test_compare_prints_the_agreed_shape(sidestep, agreed_row):
         "random-walk", "random-progress", "shortest-path", "expected", "clairvoyant",
         "greedy-local", "greedy-map", "snapshot", "forecast", "darp",
     }  # fmt: skip
-    assert (found["rival"], found["by_minutes"]) == ("expected", None)
+    assert (found["baseline"], found["by_minutes"]) == ("expected", None)
     for row in found["planners"].values():
         assert set(row) >= agreed_row
         assert row["regret"] >= -1e-4
@@ -173,7 +173,7 @@ def test_compare_takes_a_trained_model(sidestep, model):
 def test_a_level_is_trained_and_said(local_model):
     folder, summary = local_model
     assert (summary["level"], summary["config"]["level"], summary["map"]) == ("local", "local", 0)
-    assert (summary["config"]["n_step"], summary["config"]["goals"]) == (2, 2)
+    assert (summary["config"]["n_step"], summary["config"]["destinations"]) == (2, 2)
     assert len(summary["curve_minutes"]) == 1
     assert summary["model"] == str(folder)
     assert sorted(file.name for file in folder.iterdir()) == ["checkpoint.eqx", "model.eqx"]
@@ -184,7 +184,7 @@ def test_compare_takes_a_model_of_a_level(sidestep, local_model):
     done = sidestep(*args, "--planners", "darp,greedy-local", "--by", 60, "--against", "greedy-local", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert (found["rival"], found["by_minutes"], found["maps"]) == ("greedy-local", 60, 1)
+    assert (found["baseline"], found["by_minutes"], found["maps"]) == ("greedy-local", 60, 1)
     rows = found["planners"]
     assert set(rows) == {"darp", "greedy-local", "shortest-path", "expected", "clairvoyant"}
     assert rows["darp"]["level"] == rows["greedy-local"]["level"] == "local"

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sidestep.environment.cost_to_go import UNREACHABLE, at_clock, cost_to_go, unchanging_to_go
+from sidestep.environment.cost_to_go import UNREACHABLE, at_clock, cost_to_go, static_cost_to_go
 from sidestep.environment.costs import crossings
-from sidestep.environment.knowledge import field_to_go
+from sidestep.environment.knowledge import field_cost_to_go
 from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
@@ -34,7 +34,7 @@ def world(network: RoadNetwork, field: SpeedField, rule: CrossingRule = "integra
 
 
 def to_go(network: RoadNetwork, field: SpeedField, goal: jax.Array, rule: CrossingRule = "integrated") -> jax.Array:
-    return field_to_go(world(network, field, rule), field, jnp.int32(0), goal)
+    return field_cost_to_go(world(network, field, rule), field, jnp.int32(0), goal)
 
 
 def line(*metres: float) -> RoadNetwork:
@@ -64,7 +64,7 @@ def test_several_goals_at_once(diamond, constant_field) -> None:
 def test_all_segments_as_they_are_now(diamond) -> None:
     # 1 > 3 takes 2,000 s: from node 1 it is faster back by 0 and 2, 100 + 150 + 250 s
     crossing = diamond.length.at[1].set(2000.0)
-    assert unchanging_to_go(diamond, crossing, goals(4, 3)).tolist() == [400, 500, 250, 0]
+    assert static_cost_to_go(diamond, crossing, goals(4, 3)).tolist() == [400, 500, 250, 0]
 
 
 # Parallel segments and unreachable nodes are among what these make.
@@ -76,7 +76,7 @@ destinations = st.sets(st.integers(0, NODES - 1), min_size=1, max_size=3)
 both = jax.jit(
     lambda network, speed, goal: (
         to_go(network, speed_field(speed, SLOT_SECONDS), goal),
-        unchanging_to_go(network, network.length / speed[:, 0], goal),
+        static_cost_to_go(network, network.length / speed[:, 0], goal),
     )
 )
 

@@ -9,7 +9,7 @@ import pytest
 
 from sidestep.environment.costs import cross, crossings
 from sidestep.environment.dynamics import reset, step
-from sidestep.environment.knowledge import live_to_go, usual_to_go
+from sidestep.environment.knowledge import expected_cost_to_go, live_cost_to_go
 from sidestep.environment.rollout import walk
 from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork
@@ -61,7 +61,7 @@ def test_exposure_is_the_integral_of_density(begin: float, end: float, met: floa
 
 
 def test_all_segments_at_once_are_each_alone(steady) -> None:
-    every = crossings(steady, steady.crowds.of(jnp.int32(0)), jnp.int32(0), every=4)
+    every = crossings(steady, steady.futures.of(jnp.int32(0)), jnp.int32(0), every=4)
     assert every.cost.shape == (8, 8)
     for number, clock in ((0, 0.0), (3, 75.0), (7, 175.0)):
         for segment in (0, 1, 3):
@@ -94,7 +94,7 @@ def test_rewards_and_tallies_are_of_costs(steady, make_instance) -> None:
     forbidding = replace(steady, objective=Objective(max_density=1.5))
     walked = walk(forbidding, lambda *_: jnp.int32(0), make_instance(), KEY)
     # 0 > 1 is entered at 2 persons/m², and 1 > 3 at 1.
-    assert (float(walked.tally.too_dense), float(walked.tally.exposure), float(walked.tally.metres)) == (1, 400, 300)
+    assert (float(walked.totals.too_dense), float(walked.totals.exposure), float(walked.totals.metres)) == (1, 400, 300)
     assert float(walked.cost) == FORBIDDEN + 300
 
 
@@ -103,12 +103,12 @@ def test_a_street_that_is_seen_to_be_too_dense_is_not_entered(diamond, make_inst
     speed, density = np.ones((8, 2), np.float32), np.zeros((8, 2), np.float32)
     params = crowded(diamond, speed, density, Objective(max_density=2.5))
     dense = speed_field(jnp.asarray(speed)[None], SLOT, jnp.asarray(density).at[0].set(3.0)[None])
-    params = replace(params, crowds=dense, level="map")
-    params = replace(params, usual=usual_to_go(params, (jnp.arange(4) == 3)[None]))
-    for planner, tally in ((GreedyMap(), (400, 0)), (Expected(), (300, 1))):
+    params = replace(params, futures=dense, level="map")
+    params = replace(params, usual=expected_cost_to_go(params, (jnp.arange(4) == 3)[None]))
+    for planner, totals in ((GreedyMap(), (400, 0)), (Expected(), (300, 1))):
         plan = planner.plan(params, make_instance([0]))
         walked = walk_plan(planner, params, plan, make_instance([0]), KEY)
-        assert (float(walked.tally.metres[0]), float(walked.tally.too_dense[0])) == tally
+        assert (float(walked.totals.metres[0]), float(walked.totals.too_dense[0])) == totals
 
 
 def test_who_does_not_arrive_pays_the_horizon_more(steady, make_instance) -> None:
@@ -116,7 +116,7 @@ def test_who_does_not_arrive_pays_the_horizon_more(steady, make_instance) -> Non
     short = replace(steady, objective=Objective(exposure=1.0), horizon=jnp.float32(300.0))
     walked = walk(short, lambda *_: jnp.int32(0), make_instance(origin=0, destination=2), KEY)
     assert not walked.arrived
-    assert float(walked.cost) == pytest.approx(float(walked.tally.cost) + 300)
+    assert float(walked.cost) == pytest.approx(float(walked.totals.cost) + 300)
     assert float(walked.cost) > 300 + 300
 
 
@@ -126,13 +126,13 @@ def test_live_walkers_see_what_is_too_dense_until_it_is_over(diamond, make_insta
     density = np.zeros((8, 2), np.float32)
     density[0, 0] = 3
     params = crowded(diamond, np.ones((8, 2), np.float32), density, Objective(max_density=2.0))
-    params = replace(params, usual=usual_to_go(params, (jnp.arange(4) == 3)[None]), level="live")
+    params = replace(params, usual=expected_cost_to_go(params, (jnp.arange(4) == 3)[None]), level="live")
 
     def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
         later = jnp.asarray(density)[:, jnp.minimum(slot + jnp.arange(3), 1)]
         return speed_field(jnp.ones((8, 3)), SLOT, later)
 
-    params = replace(params, live=live_to_go(params, jnp.ones((1, 2, 8)), ahead))
+    params = replace(params, live=live_cost_to_go(params, jnp.ones((1, 2, 8)), ahead))
     _, found = reset(params, make_instance(departure=clock))
     penalty = FORBIDDEN if seen else 0
     np.testing.assert_allclose(found.live.forecast, [300 + penalty, 400], atol=0.05)
@@ -147,9 +147,9 @@ def test_lights_and_crowds_are_both_in_what_live_walkers_reckon(diamond, make_in
     none = jnp.zeros(8)
     waits = Waits(none.at[0].set(1), none, none + 90, none + 30, none + 20, jnp.zeros(24), jnp.zeros(1), 8.0)
     params = replace(params, waits=waits)
-    params = replace(params, usual=usual_to_go(params, (jnp.arange(4) == 3)[None]), level="live")
+    params = replace(params, usual=expected_cost_to_go(params, (jnp.arange(4) == 3)[None]), level="live")
     stays = speed_field(jnp.ones((8, 3)), SLOT, jnp.asarray(density)[:, [0, 0, 0]])
-    params = replace(params, live=live_to_go(params, jnp.ones((1, 2, 8)), lambda *_: stays))
+    params = replace(params, live=live_cost_to_go(params, jnp.ones((1, 2, 8)), lambda *_: stays))
     _, found = reset(params, make_instance(departure=50.0))
     # 60 s of waiting and 100 s of walking among 2 persons/m², then 200 s alone
     np.testing.assert_allclose(found.estimate, [160 * (1 + 0.5 * 2) + 200, 400], atol=0.05)
@@ -216,8 +216,8 @@ def test_searches_are_as_good_as_the_best_of_all_ways(make_instance, lit: bool) 
             np.testing.assert_allclose(walked.seconds, fastest, rtol=1e-5)
         else:
             # Between steps costs are taken to be linear.
-            np.testing.assert_array_less(np.array(best) * (1 - 1e-5), walked.tally.cost)
-            np.testing.assert_allclose(walked.tally.cost, best, rtol=0.03 if lit else 0.01)
+            np.testing.assert_array_less(np.array(best) * (1 - 1e-5), walked.totals.cost)
+            np.testing.assert_allclose(walked.totals.cost, best, rtol=0.03 if lit else 0.01)
 
 
 def seconds(crossed, way: list[int], departure: float) -> float:

@@ -10,7 +10,7 @@ from scipy.stats import chisquare
 
 from sidestep.environment.dynamics import existing_exit, random_exit, reset, step
 from sidestep.environment.observation import observe
-from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Outcome, RewardWeights
+from sidestep.environment.types import RECENT_NODES, EnvParams, EnvState, Instance, Outcome, RewardWeights
 from sidestep.walking.crossing_time import crossing_time
 from sidestep.walking.speed_field import speed_field
 
@@ -40,7 +40,7 @@ def busy(make_busy) -> EnvParams:
 def test_reset(steady, make_instance) -> None:
     state, seen = reset(steady, make_instance(origin=1, departure=70.0))
     assert (int(state.node), float(state.clock)) == (1, 70)
-    assert state.trail.tolist() == [-1] * TRAIL
+    assert state.recent_nodes.tolist() == [-1] * RECENT_NODES
     assert (int(seen.node), seen.position.tolist(), seen.valid.tolist()) == (1, [100, 100], [True, True])
 
 
@@ -58,10 +58,10 @@ def test_a_step_moves_in_space_and_time(steady, make_instance) -> None:
 def test_the_trail_is_what_was_left_the_latest_first(steady, make_instance) -> None:
     # 0 > 1 > 0 > 2 > 0 > ...: exits 0 and 1 of node 0 lead to 1 and 2, and both have a way back as exit 1
     state, _ = take(steady, make_instance(), 0, 1, 1, 1)
-    assert state.trail.tolist() == [2, 0, 1, 0] + [-1] * (TRAIL - 4)
+    assert state.recent_nodes.tolist() == [2, 0, 1, 0] + [-1] * (RECENT_NODES - 4)
     # no more than the last ones are remembered: after ten steps, the nodes left at steps 10 to 3
     state, _ = take(steady, make_instance(), *[0, 1, 1, 1] * 2, 0, 1)
-    assert state.trail.tolist() == [1, 0, 2, 0, 1, 0, 2, 0][:TRAIL]
+    assert state.recent_nodes.tolist() == [1, 0, 2, 0, 1, 0, 2, 0][:RECENT_NODES]
 
 
 def test_reward_of_a_step_ahead(steady, make_instance) -> None:
@@ -89,7 +89,7 @@ def test_reward_weights(diamond, constant_field, make_params, make_instance) -> 
     params = make_params(diamond, constant_field(diamond))
     params = EnvParams(
         params.network,
-        params.crowds,
+        params.futures,
         params.expected,
         params.horizon,
         RewardWeights(unit_seconds=10.0, progress=0.1, bonus=7.0),
@@ -101,12 +101,12 @@ def test_reward_weights(diamond, constant_field, make_params, make_instance) -> 
 def test_time_passes_at_the_speed_of_the_walks_own_crowd(diamond, make_params, make_instance) -> None:
     slow_then_fast = jnp.stack([jnp.full((8, 2), 1.0), jnp.full((8, 2), 2.0).at[0, 1].set(0.5)])
     params = make_params(diamond, speed_field(slow_then_fast, 40.0))
-    assert float(take(params, make_instance(crowd=0), 0)[1].crossed.seconds) == pytest.approx(100)
+    assert float(take(params, make_instance(future=0), 0)[1].crossed.seconds) == pytest.approx(100)
     # crowd 1: 40 s at 2 m/s for 80 m, then 20 m at .5 m/s for 40 s
-    assert float(take(params, make_instance(crowd=1), 0)[1].crossed.seconds) == pytest.approx(80)
+    assert float(take(params, make_instance(future=1), 0)[1].crossed.seconds) == pytest.approx(80)
     # under the entry rule 100 m at 2 m/s
     entry = make_params(diamond, speed_field(slow_then_fast, 40.0), rule="entry")
-    assert float(take(entry, make_instance(crowd=1), 0)[1].crossed.seconds) == pytest.approx(50)
+    assert float(take(entry, make_instance(future=1), 0)[1].crossed.seconds) == pytest.approx(50)
 
 
 # --- How episodes end -----------------------------------------------------------------------------------------------
@@ -165,7 +165,7 @@ def test_an_exit_that_does_not_exist_becomes_the_next(
     assert int(state.node) == leads_to
     # and it is the street to there that takes its time
     (segment,) = np.flatnonzero((busy.network.tail == node) & (busy.network.head == leads_to))
-    field = busy.crowds.of(jnp.int32(0))
+    field = busy.futures.of(jnp.int32(0))
     there = crossing_time(field, jnp.int32(segment), busy.network.length[segment], jnp.float32(0))
     assert float(outcome.crossed.seconds) == pytest.approx(float(there), rel=1e-6)
 
@@ -214,7 +214,7 @@ def batch() -> tuple[EnvState, jax.Array]:
     node, action = (jnp.asarray(each.ravel(), jnp.int32) for each in np.mgrid[:9, :4])
     clock = jnp.linspace(0, 1500, 36)
     instance = Instance(node, jnp.full(36, 8, jnp.int32), clock, (node + action) % 2)
-    return jax.vmap(EnvState)(node, clock, instance, jnp.full((36, TRAIL), -1), jnp.zeros(36, int)), action
+    return jax.vmap(EnvState)(node, clock, instance, jnp.full((36, RECENT_NODES), -1), jnp.zeros(36, int)), action
 
 
 def test_jit_and_vmap_agree_with_plain_calls(busy) -> None:
@@ -252,7 +252,7 @@ def test_a_second_step_is_not_traced_again(busy, make_instance) -> None:
     state, _ = reset(busy, make_instance(destination=8))
     for action in (0, 2, 3, 1):
         state, _ = counted(busy, state, jnp.int32(action))
-    elsewhere, _ = reset(busy, make_instance(origin=4, destination=6, departure=33.0, crowd=1))
+    elsewhere, _ = reset(busy, make_instance(origin=4, destination=6, departure=33.0, future=1))
     counted(busy, elsewhere, jnp.int32(2))
     assert traces == 1
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sidestep.environment.dynamics import reset, step
-from sidestep.environment.knowledge import live_to_go, usual_to_go
+from sidestep.environment.knowledge import expected_cost_to_go, live_cost_to_go
 from sidestep.environment.observation import at_level, observe
-from sidestep.environment.types import LEVELS, TRAIL, EnvParams, EnvState, Instance, LiveToGo, Observation
+from sidestep.environment.types import LEVELS, RECENT_NODES, EnvParams, EnvState, Instance, LiveCostToGo, Observation
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
 from sidestep.planners.shortest_path import distances_to
@@ -33,11 +33,11 @@ def known(params: EnvParams, goals: tuple[int, ...]) -> EnvParams:
 
     Volumes are not looked at but by what forecasts, so speeds stand for them.
     """
-    network, crowds = params.network, params.crowds
-    params = replace(params, level="live", usual=usual_to_go(params, only(network.nodes, *goals)))
-    volume = jnp.swapaxes(crowds.speed, 1, 2)
+    network, futures = params.network, params.futures
+    params = replace(params, level="live", usual=expected_cost_to_go(params, only(network.nodes, *goals)))
+    volume = jnp.swapaxes(futures.speed, 1, 2)
     return replace(
-        params, live=live_to_go(params, volume, lambda now, *_: speed_field(jnp.tile(now[:, None], 3), SLOT))
+        params, live=live_cost_to_go(params, volume, lambda now, *_: speed_field(jnp.tile(now[:, None], 3), SLOT))
     )
 
 
@@ -53,14 +53,14 @@ def jammed() -> SpeedField:
 def informed(diamond, make_params) -> EnvParams:
     """The jams are expected. Crowd 0 is as expected; crowd 1 walks at .5 m/s, then at .8; crowd 2 at 1 m/s."""
     steady = jnp.stack([jnp.full((8, 2), 0.5).at[:, 1].set(0.8), jnp.ones((8, 2))])
-    crowds = speed_field(jnp.concatenate([jammed().speed[None], steady]), SLOT)
-    return known(make_params(diamond, crowds, jammed()), (3,))
+    futures = speed_field(jnp.concatenate([jammed().speed[None], steady]), SLOT)
+    return known(make_params(diamond, futures, jammed()), (3,))
 
 
 def see(
-    params: EnvParams, node: int, clock: float, crowd: int = 0, destination: int = 3, level: str | None = None
+    params: EnvParams, node: int, clock: float, future: int = 0, destination: int = 3, level: str | None = None
 ) -> Observation:
-    state, _ = reset(params, Instance(*map(jnp.int32, (node, destination)), jnp.float32(clock), jnp.int32(crowd)))
+    state, _ = reset(params, Instance(*map(jnp.int32, (node, destination)), jnp.float32(clock), jnp.int32(future)))
     return observe(params if level is None else at_level(params, level), state)
 
 
@@ -78,7 +78,7 @@ def test_position_sees_nothing_else(informed) -> None:
 
 
 def test_local_sees_the_streets_that_leave(informed) -> None:
-    seen = see(informed, 0, 310.0, crowd=1, level="local")
+    seen = see(informed, 0, 310.0, future=1, level="local")
     assert float(seen.local.clock) == 310
     # node 3 lies 200 m to the right; from the nodes 1 and 2 it is 100 m to the right, and down or up
     assert seen.local.ahead.tolist() == [200, 0]
@@ -98,12 +98,12 @@ def test_local_sees_the_streets_that_leave(informed) -> None:
 )
 def test_the_speed_seen_is_that_of_the_slot(informed, clock: float, seconds: float) -> None:
     # Whoever enters at 299.9 s will mostly walk at .8 m/s, but sees .5 m/s.
-    assert float(see(informed, 0, clock, crowd=1, level="local").local.crossing[0]) == pytest.approx(seconds)
+    assert float(see(informed, 0, clock, future=1, level="local").local.crossing[0]) == pytest.approx(seconds)
 
 
 def test_before_the_destination_nothing_is_left_to_go(informed) -> None:
     # 200 m at .5 m/s to the destination; back to node 0 200 s and 200 m at 1.34 m/s
-    seen = see(informed, 1, 0.0, crowd=1, level="local")
+    seen = see(informed, 1, 0.0, future=1, level="local")
     assert seen.estimate.tolist() == pytest.approx([400, 200 + 200 / FREE_SPEED])
 
 
@@ -115,7 +115,7 @@ def walked(params: EnvParams, *actions: int) -> EnvState:
 
 
 def test_crossings_since_a_next_node_was_left(informed) -> None:
-    params, never = at_level(informed, "local"), TRAIL + 1
+    params, never = at_level(informed, "local"), RECENT_NODES + 1
     for actions, node, left in [
         ([], 0, [never, never]),
         ([0], 1, [never, 1]),  # 0 > 1: exits to 3 and back
@@ -137,7 +137,7 @@ def test_what_was_left_long_ago_is_forgotten(informed) -> None:
         found.append(observe(params, state).local.left.tolist()[1])
         for action in (0, 1):
             state, _ = step(params, state, jnp.int32(action))
-    assert found == [1, 3, 5, 7, TRAIL + 1, TRAIL + 1]
+    assert found == [1, 3, 5, 7, RECENT_NODES + 1, RECENT_NODES + 1]
 
 
 # --- Map ------------------------------------------------------------------------------------------------------------
@@ -145,22 +145,22 @@ def test_what_was_left_long_ago_is_forgotten(informed) -> None:
 
 def test_map_knows_the_usual_time_from_when_the_next_node_is_reached(informed) -> None:
     # Crowd 2 at 1 m/s: node 1 at 100 s, 470 - 270 / 3 = 380 s to go; node 2 at 150 s, half-way from 250 to 450 s.
-    seen = see(informed, 0, 0.0, crowd=2, level="map")
+    seen = see(informed, 0, 0.0, future=2, level="map")
     np.testing.assert_allclose(seen.usual.to_go, [380, 350], **CLOSE)
     np.testing.assert_allclose(seen.estimate, [480, 500], **CLOSE)
     # Crowd 1 at .5 m/s: node 1 at 200 s, 470 - 2/3 * 270 = 290 s to go; node 2 at 300 s, 450 s to go.
-    seen = see(informed, 0, 0.0, crowd=1, level="map")
+    seen = see(informed, 0, 0.0, future=1, level="map")
     np.testing.assert_allclose(seen.usual.to_go, [290, 450], **CLOSE)
     np.testing.assert_allclose(seen.estimate, [490, 750], **CLOSE)
     # In the last slot and after it nothing changes any more.
-    seen = see(informed, 0, 600.0, crowd=2, level="map")
+    seen = see(informed, 0, 600.0, future=2, level="map")
     np.testing.assert_allclose(seen.estimate, [300, 600], **CLOSE)
 
 
 def test_map_knows_the_usual_crowd_of_now(informed) -> None:
     # From node 1 to 3 and to 0, 200 and 100 m; the first is usually jammed till 300 s. Nobody is jammed in crowd 2.
     for clock, usual in ((0.0, [2000, 100]), (300.0, [200, 100])):
-        seen = see(informed, 1, clock, crowd=2, level="map")
+        seen = see(informed, 1, clock, future=2, level="map")
         assert seen.usual.cost.tolist() == pytest.approx(usual)
         assert seen.local.crossing.tolist() == pytest.approx([200, 100])
 
@@ -177,7 +177,7 @@ def test_every_goal_has_a_table_of_its_own(diamond, constant_field, make_params)
 
 def test_a_goal_may_be_several_nodes(diamond, constant_field, make_params) -> None:
     # One goal of the nodes 1 and 2, as on maps side by side.
-    usual = usual_to_go(make_params(diamond, constant_field(diamond)), only(4, 1) | only(4, 2))
+    usual = expected_cost_to_go(make_params(diamond, constant_field(diamond)), only(4, 1) | only(4, 2))
     assert usual.goal.tolist() == [-1, 0, 0, -1]
     np.testing.assert_allclose(usual.table, [[[100, 0, 0, 200]] * 2], **CLOSE)
 
@@ -191,8 +191,8 @@ def test_snapshot_is_the_shortest_path_as_it_stands(informed) -> None:
     for clock, snapshot in ((0.0, [600, 400]), (299.0, [600, 400]), (300.0, [300, 600])):
         np.testing.assert_allclose(see(informed, 0, clock).live.snapshot, snapshot, **CLOSE)
     # Crowd 1: 100 + 200 m and 150 + 250 m at .5 m/s, then at .8 m/s
-    np.testing.assert_allclose(see(informed, 0, 0.0, crowd=1).live.snapshot, [600, 800], **CLOSE)
-    np.testing.assert_allclose(see(informed, 0, 300.0, crowd=1).live.snapshot, [375, 500], **CLOSE)
+    np.testing.assert_allclose(see(informed, 0, 0.0, future=1).live.snapshot, [600, 800], **CLOSE)
+    np.testing.assert_allclose(see(informed, 0, 300.0, future=1).live.snapshot, [375, 500], **CLOSE)
 
 
 def test_forecast_of_a_jam_that_is_seen_to_clear(diamond, make_params) -> None:
@@ -203,8 +203,8 @@ def test_forecast_of_a_jam_that_is_seen_to_clear(diamond, make_params) -> None:
     def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
         return speed_field(field.speed[:, jnp.minimum(slot + jnp.arange(3), 1)], SLOT)
 
-    params = replace(params, usual=usual_to_go(params, only(4, 3)), level="live")
-    params = replace(params, live=live_to_go(params, jnp.ones((1, 2, 8)), ahead))
+    params = replace(params, usual=expected_cost_to_go(params, only(4, 3)), level="live")
+    params = replace(params, live=live_cost_to_go(params, jnp.ones((1, 2, 8)), ahead))
     # Entered at 0 s: by 1 100 + 380, by 2 150 + 350; at 300 s: 100 + 200, 150 + 450; in between linear.
     for clock, forecast in ((0.0, [480, 500]), (150.0, [390, 550]), (300.0, [300, 600]), (1e4, [300, 600])):
         seen = see(params, 0, clock)
@@ -218,11 +218,11 @@ def test_after_the_window_of_a_forecast_crowds_are_as_usual(make_params) -> None
     # 0 > 1 > 2, 100 m each, in slots of 100 s: .5 m/s now and for two slots, usually 1 m/s.
     network = road_network(np.zeros((3, 2)), [0, 1], [1, 2], [100.0, 100])
     params = make_params(network, *(speed_field(jnp.full((2, 8), speed), 100.0) for speed in (0.5, 1.0)))
-    params = replace(params, usual=usual_to_go(params, only(3, 2)))
+    params = replace(params, usual=expected_cost_to_go(params, only(3, 2)))
 
-    def foreseen(slots: int) -> LiveToGo:
+    def foreseen(slots: int) -> LiveCostToGo:
         stays = lambda now, *_: speed_field(jnp.tile(now[:, None], slots), 100.0)  # noqa: E731
-        return live_to_go(params, jnp.swapaxes(params.crowds.speed, 1, 2), stays)
+        return live_cost_to_go(params, jnp.swapaxes(params.futures.speed, 1, 2), stays)
 
     live = foreseen(2)
     # 200 s to node 1, when the window is over, and 100 s on. From node 1 200 s: who enters the jam stays in it.
@@ -268,10 +268,10 @@ def same(one: object, other: object) -> None:
         np.testing.assert_array_equal(first, second)
 
 
-@pytest.mark.parametrize(("node", "clock", "crowd"), [(0, 0.0, 0), (1, 333.0, 1), (2, 150.0, 2), (3, 1e5, 0)])
-def test_each_level_sees_what_the_one_before_it_sees(informed, node: int, clock: float, crowd: int) -> None:
+@pytest.mark.parametrize(("node", "clock", "future"), [(0, 0.0, 0), (1, 333.0, 1), (2, 150.0, 2), (3, 1e5, 0)])
+def test_each_level_sees_what_the_one_before_it_sees(informed, node: int, clock: float, future: int) -> None:
     assert LEVELS == ("position", "local", "map", "live")
-    position, local, usual, live = (see(informed, node, clock, crowd, level=level) for level in LEVELS)
+    position, local, usual, live = (see(informed, node, clock, future, level=level) for level in LEVELS)
     same(position, replace(local, local=None, estimate=None))
     same(replace(local, estimate=None), replace(usual, usual=None, estimate=None))
     same(replace(usual, estimate=None), replace(live, live=None, estimate=None))
@@ -304,7 +304,7 @@ def test_walkers_see_side_by_side_what_they_see_alone(informed) -> None:
     instance = Instance(node, jnp.full(4, 3), clock, jnp.array([0, 1, 2, 0]))
     _, together = jax.jit(jax.vmap(lambda one: reset(informed, one)))(instance)
     for walker in range(4):
-        alone = see(informed, walker, float(clock[walker]), int(instance.crowd[walker]))
+        alone = see(informed, walker, float(clock[walker]), int(instance.future[walker]))
         for one, several in zip(jax.tree.leaves(alone), jax.tree.leaves(together), strict=True):
             np.testing.assert_allclose(several[walker], one, rtol=1e-5)
 

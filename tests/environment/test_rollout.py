@@ -33,10 +33,10 @@ def busy(make_busy) -> EnvParams:
     return make_busy(horizon=20_000)
 
 
-@pytest.mark.parametrize("crowd", [0, 1])
+@pytest.mark.parametrize("future", [0, 1])
 @pytest.mark.parametrize("departure", [0.0, 250.0])
-def test_a_walk_is_its_steps(busy, make_instance, crowd: int, departure: float) -> None:
-    instance = make_instance(destination=8, departure=departure, crowd=crowd)
+def test_a_walk_is_its_steps(busy, make_instance, future: int, departure: float) -> None:
+    instance = make_instance(destination=8, departure=departure, future=future)
     # right, right, up, left, left, up, right, right: past every node of the grid, row by row and back
     exits = [2, 2, 0, 0, 3, 3, 2, 2, 0]
     walked = jax.jit(lambda: walk(busy, always(exits), instance, KEY, trace=12))()
@@ -104,7 +104,7 @@ def test_every_crossing_has_its_own_random_numbers(make_params, make_instance) -
 
 
 def test_walks_side_by_side_are_walks_alone(busy, make_instance) -> None:
-    several = make_instance(origin=[0, 4, 2], destination=[8, 0, 2], departure=[0.0, 100.0, 5.0], crowd=[0, 1, 0])
+    several = make_instance(origin=[0, 4, 2], destination=[8, 0, 2], departure=[0.0, 100.0, 5.0], future=[0, 1, 0])
     keys = jax.random.split(KEY, 3)
 
     @jax.jit

@@ -10,7 +10,7 @@ from sidestep.evaluation import compare as comparing
 from sidestep.evaluation.compare import Comparison, compare
 from sidestep.planners.base import routes, walk_plan
 from sidestep.planners.random import RandomWalk
-from sidestep.planners.registry import BASELINES, BOUND, REFERENCE, REPLANNING, RIVAL, PlannerError, choose
+from sidestep.planners.registry import BASELINE, BASELINES, BOUND, REFERENCE, REPLANNING, PlannerError, choose
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
@@ -35,7 +35,7 @@ def test_shape_of_the_json(found, agreed_row) -> None:
     asked = {"scenario", "maps", "walks", "seed", "planners"}
     assert result.keys() == asked | {"summary", "flows", "by_minutes", "objective", "rival"}
     assert (result["scenario"], result["maps"], result["walks"], result["seed"]) == ("paper-congested", 2, 3, 0)
-    assert (result["flows"], result["by_minutes"], result["rival"]) == ("arima", None, "expected")
+    assert (result["flows"], result["by_minutes"], result["baseline"]) == ("arima", None, "expected")
     assert result["summary"] == "the paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people"
     assert list(result["planners"]) == ALL
     for row in result["planners"].values():
@@ -70,8 +70,8 @@ def test_rows_make_sense(found) -> None:
     assert rows["expected"]["difference_minutes"] == 0
     assert rows["clairvoyant"]["difference_minutes"] <= 0 < rows["random-walk"]["difference_minutes"]
     # or against another
-    other = found.as_json(rival="shortest-path")
-    assert other["rival"] == "shortest-path"
+    other = found.as_json(baseline="shortest-path")
+    assert other["baseline"] == "shortest-path"
     means = [rows[name]["mean_minutes"] for name in ("random-walk", "shortest-path")]
     assert other["planners"]["random-walk"]["difference_minutes"] == pytest.approx(means[0] - means[1])
     assert rows["shortest-path"]["saving_vs_shortest_path"] == 0
@@ -126,14 +126,14 @@ def test_many_walks_are_done_in_parts(monkeypatch) -> None:
     planners = choose(["random-walk"], BASELINES)
     result = compare(TINY, planners, maps=(1,), walks=5)
     assert result.as_json()["walks"] == 5
-    place = draw_map(TINY, 0, 1)
+    scenario_map = draw_map(TINY, 0, 1)
     for name, factory in planners.items():
-        planner, minutes, arrived = factory(place, 1), [], []
+        planner, minutes, arrived = factory(scenario_map, 1), [], []
         for part in range(3):
-            params = make_environment(TINY, place, "test", 2, part=part)
-            todo = instances(TINY, place, params, 2, first=2 * part)
-            assert todo.crowd.tolist() == [0, 1]  # every walk has a future of its own
-            key = purpose_key(place, "test")
+            params = make_environment(TINY, scenario_map, "test", 2, part=part)
+            todo = instances(TINY, scenario_map, params, 2, first=2 * part)
+            assert todo.future.tolist() == [0, 1]  # every walk has a future of its own
+            key = purpose_key(scenario_map, "test")
             key = jax.random.fold_in(key, part) if part else key
             walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
             minutes += (np.asarray(walked.seconds, np.float64) / 60).tolist()
@@ -216,7 +216,7 @@ def test_an_error_on_one_map_ends_the_comparison() -> None:
 
 
 def test_references_are_always_there() -> None:
-    assert (REFERENCE, RIVAL, BOUND) == ("shortest-path", "expected", "clairvoyant")
+    assert (REFERENCE, BASELINE, BOUND) == ("shortest-path", "expected", "clairvoyant")
     assert list(choose([], BASELINES)) == ["shortest-path", "expected", "clairvoyant"]
     assert list(choose(["random-walk"], BASELINES)) == ["random-walk", "shortest-path", "expected", "clairvoyant"]
     assert list(choose(["clairvoyant", "clairvoyant"], BASELINES)) == ["shortest-path", "expected", "clairvoyant"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sidestep.evaluation.metrics import Record, cells, spread, summarise
-from sidestep.planners.registry import BOUND, REFERENCE, RIVAL
+from sidestep.planners.registry import BASELINE, BOUND, REFERENCE
 
 
 def record(minutes: list[list[float]], arrived: list[list[bool]] | None = None, level: str = "map") -> Record:
@@ -19,16 +19,16 @@ EXPECTED = record([[70, 90], [50, 50]])
 
 
 def rows(seed: int = 0, by: float | None = None, **records: Record) -> dict:
-    return summarise({REFERENCE: SHORTEST, BOUND: BEST, RIVAL: EXPECTED} | records, seed, by)
+    return summarise({REFERENCE: SHORTEST, BOUND: BEST, BASELINE: EXPECTED} | records, seed, by)
 
 
 def against(one: Record, **records: Record) -> dict:
     """Rows where all three references walk alike."""
-    return summarise({REFERENCE: one, BOUND: one, RIVAL: one} | records)
+    return summarise({REFERENCE: one, BOUND: one, BASELINE: one} | records)
 
 
 def test_names_of_the_references() -> None:
-    assert (REFERENCE, BOUND, RIVAL) == ("shortest-path", "clairvoyant", "expected")
+    assert (REFERENCE, BOUND, BASELINE) == ("shortest-path", "clairvoyant", "expected")
 
 
 def test_by_hand() -> None:
@@ -96,7 +96,7 @@ def test_with_several_maps_whole_maps_are_resampled() -> None:
 def test_with_one_map_its_walks_are_resampled() -> None:
     shortest, best = record([[100, 100, 100, 100]]), record([[50, 50, 50, 50]])
     mine = record([[60, 80, 60, 80]])
-    row = summarise({REFERENCE: shortest, BOUND: best, RIVAL: shortest, "mine": mine})["mine"]
+    row = summarise({REFERENCE: shortest, BOUND: best, BASELINE: shortest, "mine": mine})["mine"]
     assert row["mean_minutes"] == 70
     assert row["best_saving"] == pytest.approx(0.4)  # the best walk
     # Four draws of 60 or 80: all alike with probability 1/8, so 2.5 % lie at 60 and 2.5 % at 80.
@@ -127,7 +127,7 @@ def test_walks_that_did_not_arrive_count_as_the_horizon() -> None:
 
 def test_the_seed_decides_the_resamples() -> None:
     minutes = np.random.default_rng(3).normal(80, 10, (20, 5))
-    wide = {name: record(minutes) for name in (REFERENCE, BOUND, RIVAL)}
+    wide = {name: record(minutes) for name in (REFERENCE, BOUND, BASELINE)}
     assert summarise(wide, 7) == summarise(wide, 7)
     assert summarise(wide, 7)[BOUND]["ci95"] != summarise(wide, 8)[BOUND]["ci95"]
 
@@ -192,7 +192,7 @@ def test_a_row_spreads_over_all_walks_of_all_maps() -> None:
     # single walks: 10, 20, 30, 100; median 25; .9 * 3 = 2.7: 30 + .7 * 70 = 79
     row = rows(mine=record([[100, 20], [10, 30]]), by=20.0)["mine"]
     assert (row["median_minutes"], row["p90_minutes"], row["arrive_by"]) == (25, pytest.approx(79), 0.5)
-    assert rows()[RIVAL]["arrive_by"] is None
+    assert rows()[BASELINE]["arrive_by"] is None
 
 
 # --- Against the expected -------------------------------------------------------------------------------------------
@@ -203,14 +203,14 @@ def test_the_difference_by_hand() -> None:
     row = rows(mine=record([[55, 77], [66, 66]]))["mine"]
     assert row["difference_minutes"] == pytest.approx(1)
     assert row["difference_ci95"] == pytest.approx([-14, 16])
-    assert rows()[RIVAL]["difference_minutes"] == 0
-    assert rows()[RIVAL]["difference_ci95"] == [0, 0]
+    assert rows()[BASELINE]["difference_minutes"] == 0
+    assert rows()[BASELINE]["difference_ci95"] == [0, 0]
 
 
 def test_the_difference_is_paired() -> None:
     # Maps differ a hundredfold, but on each one is three minutes faster: there is nothing to doubt.
-    rival = np.random.default_rng(0).uniform(10, 1000, (30, 4))
-    row = against(record(rival), mine=record(rival - 3))["mine"]
+    baseline = np.random.default_rng(0).uniform(10, 1000, (30, 4))
+    row = against(record(baseline), mine=record(baseline - 3))["mine"]
     assert row["difference_minutes"] == pytest.approx(-3)
     assert row["difference_ci95"] == pytest.approx([-3, -3])
 
@@ -224,22 +224,22 @@ def test_the_difference_on_one_map_is_that_of_its_walks() -> None:
 
 def test_the_interval_of_the_difference_is_as_wide_as_it_should_be() -> None:
     rng = np.random.default_rng(5)
-    rival = rng.normal(80, 10, (1, 400))
-    mine = rival - 2 + rng.normal(0, 4, (1, 400))
-    low, high = against(record(rival), mine=record(mine))["mine"]["difference_ci95"]
+    baseline = rng.normal(80, 10, (1, 400))
+    mine = baseline - 2 + rng.normal(0, 4, (1, 400))
+    low, high = against(record(baseline), mine=record(mine))["mine"]["difference_ci95"]
     # 1.96 standard errors of 400 differences each way
-    assert (high - low) / 2 == pytest.approx(1.96 * (mine - rival).std() / 20, rel=0.1)
+    assert (high - low) / 2 == pytest.approx(1.96 * (mine - baseline).std() / 20, rel=0.1)
 
 
 def test_the_difference_may_be_taken_to_another() -> None:
-    records = {REFERENCE: SHORTEST, BOUND: BEST, RIVAL: EXPECTED}
+    records = {REFERENCE: SHORTEST, BOUND: BEST, BASELINE: EXPECTED}
     # means: 100 by the shortest path, 50 in hindsight, 65 by what is expected; maps 80 and 50 less 110 and 90
-    found = summarise(records, rival=REFERENCE)
-    assert {name: row["difference_minutes"] for name, row in found.items()} == {REFERENCE: 0, BOUND: -50, RIVAL: -35}
-    assert found[RIVAL]["difference_ci95"] == [-40, -30]
+    found = summarise(records, baseline=REFERENCE)
+    assert {name: row["difference_minutes"] for name, row in found.items()} == {REFERENCE: 0, BOUND: -50, BASELINE: -35}
+    assert found[BASELINE]["difference_ci95"] == [-40, -30]
     # and nothing else changes
-    usual = summarise(records)[RIVAL]
-    assert {name for name in usual if usual[name] != found[RIVAL][name]} == {"difference_minutes", "difference_ci95"}
+    usual = summarise(records)[BASELINE]
+    assert {name for name in usual if usual[name] != found[BASELINE][name]} == {"difference_minutes", "difference_ci95"}
 
 
 def test_fewer_maps_are_set_against_the_expected_on_those() -> None:

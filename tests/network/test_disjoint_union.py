@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from sidestep.network.graph import RoadNetwork, road_network, side_by_side
+from sidestep.network.graph import RoadNetwork, disjoint_union, road_network
 from sidestep.network.grid import grid_network
 
 
@@ -23,7 +23,7 @@ def street() -> RoadNetwork:
 
 
 def test_nodes_and_segments_follow_each_other(triangle, street) -> None:
-    both = side_by_side([street, triangle])
+    both = disjoint_union([street, triangle])
     assert (both.nodes, both.segments, both.exits) == (5, 6, 2)
     # The street's nodes 0 and 1 stay, the triangle's become 2, 3, 4; its segments 0 to 3 become 2 to 5.
     assert both.exit_node.tolist() == [[1, -1], [0, -1], [3, -1], [4, -1], [2, 3]]
@@ -36,14 +36,14 @@ def test_nodes_and_segments_follow_each_other(triangle, street) -> None:
 
 
 def test_the_order_is_that_given(triangle, street) -> None:
-    both = side_by_side([triangle, street])
+    both = disjoint_union([triangle, street])
     assert both.exit_node.tolist() == [[1, -1], [2, -1], [0, 1], [4, -1], [3, -1]]
     assert both.length.tolist() == [300, 500, 400, 501, 10, 11]
 
 
 def test_no_street_leads_from_one_to_another(triangle, street) -> None:
     networks = [triangle, grid_network(3, np.random.default_rng(1)), street, triangle]
-    several = side_by_side(networks)
+    several = disjoint_union(networks)
     assert (several.nodes, several.segments, several.exits) == (3 + 9 + 2 + 3, 4 + 24 + 2 + 4, 4)
     part = np.repeat(np.arange(4), [network.nodes for network in networks])
     assert (part[several.tail] == part[several.head]).all()
@@ -56,7 +56,7 @@ def test_no_street_leads_from_one_to_another(triangle, street) -> None:
 
 
 def test_exits_and_ends_agree(triangle, street) -> None:
-    several = side_by_side([street, triangle, street])
+    several = disjoint_union([street, triangle, street])
     node, way = np.nonzero(np.asarray(several.valid))
     segment = np.asarray(several.exit_segment)[node, way]
     assert sorted(segment.tolist()) == list(range(several.segments))
@@ -65,9 +65,9 @@ def test_exits_and_ends_agree(triangle, street) -> None:
 
 
 def test_one_alone_stays_what_it_is(triangle) -> None:
-    assert side_by_side([triangle]) is triangle
+    assert disjoint_union([triangle]) is triangle
 
 
 def test_types_stay(triangle, street) -> None:
-    both = side_by_side([street, triangle])
+    both = disjoint_union([street, triangle])
     assert [leaf.dtype for leaf in jax.tree.leaves(both)] == [leaf.dtype for leaf in jax.tree.leaves(triangle)]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.environment.knowledge import live_to_go, usual_to_go
+from sidestep.environment.knowledge import expected_cost_to_go, live_cost_to_go
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.planners.base import Planner, routes, walk_plan
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
@@ -29,15 +29,15 @@ SLOT = 150.0
 @jax.jit
 def knowing(params: EnvParams) -> EnvParams:
     """All is known of the way to node 3; what is forecast from the counts is what comes."""
-    network, field = params.network, params.crowds.of(jnp.int32(0))
-    usual = usual_to_go(params, (jnp.arange(network.nodes) == 3)[None])
+    network, field = params.network, params.futures.of(jnp.int32(0))
+    usual = expected_cost_to_go(params, (jnp.arange(network.nodes) == 3)[None])
     params = replace(params, usual=usual, level="live")
 
     def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
         return speed_field(field.speed[:, jnp.minimum(slot + jnp.arange(4), field.slots - 1)], SLOT)
 
     volume = jnp.ones((1, field.slots, network.segments))
-    return replace(params, live=live_to_go(params, volume, ahead))
+    return replace(params, live=live_cost_to_go(params, volume, ahead))
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_snapshot_does_not_see_a_jam_coming(world, make_instance) -> None:
 
 def test_all_are_planners() -> None:
     assert all(isinstance(planner, Planner) for planner in GREEDY)
-    assert [(planner.name, planner.level, planner.sees) for planner in GREEDY] == [
+    assert [(planner.name, planner.level, planner.observes) for planner in GREEDY] == [
         ("greedy-local", "local", "local"),
         ("greedy-map", "map", "map"),
         ("snapshot", "live", "live"),
@@ -120,8 +120,8 @@ def test_all_are_planners() -> None:
 def test_what_a_level_does_not_reckon_cannot_be_followed(diamond, constant_field, make_params, make_instance) -> None:
     params = make_params(diamond, constant_field(diamond))
     blind, all_counts = GreedyLocal(), Snapshot()
-    blind.sees = "position"
-    all_counts.sees = "local"
+    blind.observes = "position"
+    all_counts.observes = "local"
     for planner, message in (
         (blind, "level position reckons no times"),
         (all_counts, "only level live sees all counts"),
@@ -132,9 +132,9 @@ def test_what_a_level_does_not_reckon_cannot_be_followed(diamond, constant_field
 
 def test_none_beats_the_clairvoyant() -> None:
     small = scenario("rush-16", side=4, crowded_nodes=1, horizon=2 * 3600.0)
-    place = draw_map(small, 3)
-    params = make_environment(small, place, "test", 8, level="live")
-    todo = instances(small, place, params, 20)
+    scenario_map = draw_map(small, 3)
+    params = make_environment(small, scenario_map, "test", 8, level="live")
+    todo = instances(small, scenario_map, params, 20)
     bound, *found = (
         [(route.seconds, route.arrived) for route in routes(planner, params, todo, KEY, 40)]
         for planner in (Clairvoyant(), *GREEDY)
@@ -150,10 +150,10 @@ def test_none_beats_the_clairvoyant() -> None:
 
 def test_walks_that_a_level_knows_nothing_about_are_refused() -> None:
     problem = scenario("rush-16", side=3, crowded_nodes=1, horizon=3600.0)
-    place = draw_map(problem, 0)
-    goals = np.array([[8], [2]])
-    params = make_environment(problem, place, "test", 2, level="live", goals=goals)
-    todo = instances(problem, place, params, 2, goals=goals)
+    scenario_map = draw_map(problem, 0)
+    destinations = np.array([[8], [2]])
+    params = make_environment(problem, scenario_map, "test", 2, level="live", destinations=destinations)
+    todo = instances(problem, scenario_map, params, 2, destinations=destinations)
     assert np.asarray(todo.destination).tolist() == [8, 2]
 
     def walk(todo: Instance) -> None:
@@ -164,8 +164,8 @@ def test_walks_that_a_level_knows_nothing_about_are_refused() -> None:
     with pytest.raises(ValueError, match="no ways to node 5 are known"):
         walk(elsewhere)
     with pytest.raises(ValueError, match="crowd number c is for goal number c modulo goals"):
-        walk(replace(todo, crowd=jnp.array([1, 0])))
-    below = make_environment(problem, place, "test", 2, level="map", goals=goals)
+        walk(replace(todo, future=jnp.array([1, 0])))
+    below = make_environment(problem, scenario_map, "test", 2, level="map", destinations=destinations)
     plan = Forecast().plan(below, todo)
     with pytest.raises(ValueError, match="not made for level live"):
         walk_plan(Forecast(), below, plan, todo, jax.random.key(0))

@@ -27,7 +27,7 @@ class AnyTable:
     """Decides by an arbitrary table of exits."""
 
     name = "any-table"
-    level = sees = "position"
+    level = observes = "position"
     decide = staticmethod(RandomWalk.decide)
 
     def __init__(self, seed: int) -> None:
@@ -60,7 +60,7 @@ def test_no_planner_beats_the_clairvoyant(
         origin=jnp.asarray(ends[0] * (not corner_to_corner), jnp.int32),
         destination=jnp.asarray(np.where(corner_to_corner, SIDE**2 - 1, ends[1]), jnp.int32),
         departure=jnp.asarray(rng.uniform(0, latest, WALKS), jnp.float32),
-        crowd=jnp.asarray(rng.integers(params.crowds.count, size=WALKS), jnp.int32),
+        future=jnp.asarray(rng.integers(params.futures.count, size=WALKS), jnp.int32),
     )
 
     def seconds(planner) -> np.ndarray:
@@ -77,8 +77,10 @@ def test_the_bound_can_be_missed_and_reached() -> None:
     # Or the property above would hold of a bound that is merely low, or of planners that are all alike.
     congested = scenario("paper-congested", side=SIDE, horizon=HORIZON, slot_seconds=SLOT_SECONDS)
     params = make_environment(congested, draw_map(congested, 0), "test", FUTURES)
-    crowds = params.crowds.count
-    todo = Instance(jnp.zeros(crowds, jnp.int32), jnp.full(crowds, SIDE**2 - 1), jnp.zeros(crowds), jnp.arange(crowds))
+    futures = params.futures.count
+    todo = Instance(
+        jnp.zeros(futures, jnp.int32), jnp.full(futures, SIDE**2 - 1), jnp.zeros(futures), jnp.arange(futures)
+    )
     mean = {
         planner.name: float(
             walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(0)).seconds.mean()

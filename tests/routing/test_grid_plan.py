@@ -11,14 +11,14 @@ from sidestep.planners.reactive import GreedyMap
 from sidestep.planners.time_dependent import Clairvoyant, Expected
 from sidestep.routing.grid_plan import Foresight, RouteError, foresee
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.maps import CrowdedMap, draw_map
+from sidestep.scenarios.maps import ScenarioMap, draw_map
 from sidestep.scenarios.model import Scenario
 
 FUTURES = 9
 
 
 @pytest.fixture(scope="module")
-def small() -> tuple[Scenario, CrowdedMap]:
+def small() -> tuple[Scenario, ScenarioMap]:
     problem = scenario("rush-16", side=3, crowded_nodes=1, horizon=2 * 3600.0)
     return problem, draw_map(problem, 2)
 

@@ -26,7 +26,7 @@ from sidestep.scenarios import build as towns
 from sidestep.scenarios.build import APART, counts_of, stations, town_of
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import anywhere_to_anywhere, instances, set_out
-from sidestep.scenarios.futures import make_environment, new_crowds, put_crowds
+from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Light, Scenario, ScenarioError, Sensor, Traffic, Venue
 from sidestep.walking.objective import Objective
@@ -155,7 +155,7 @@ def test_the_town_has_its_streets_and_crowds(place) -> None:
     town = town_of("helsinki")
     assert (place.network.nodes, place.parts) == (town.nodes, (town.nodes,))
     assert place.flow.model.usual.shape == (168, 160)  # 16 sensors, in ten places each
-    weight = np.asarray(place.flow.spread.weight)
+    weight = np.asarray(place.flow.weights.weight)
     assert weight.shape == (place.network.segments, 4)
     assert weight.sum(axis=1).max() <= 1 + 1e-6
     # Of each person an hour 1 / (3,600 s * 1.34 m/s * width) are on a square metre, 120 times.
@@ -186,11 +186,11 @@ def test_walks_are_tested_in_weeks_that_were_not_fitted(place) -> None:
 
 def test_every_walk_goes_elsewhere(place) -> None:
     parts = [anywhere_to_anywhere(place, 50, part) for part in range(3)]
-    for goals in parts:
-        assert goals.shape == (50, 1)
-        assert len(np.unique(goals)) == 50
-        assert (goals >= 0).all()
-        assert (goals < place.network.nodes).all()
+    for destinations in parts:
+        assert destinations.shape == (50, 1)
+        assert len(np.unique(destinations)) == 50
+        assert (destinations >= 0).all()
+        assert (destinations < place.network.nodes).all()
     assert len(np.unique(parts)) > 100
     np.testing.assert_array_equal(parts[1], anywhere_to_anywhere(place, 50, 1))
     assert (parts[0] != anywhere_to_anywhere(draw_map(HELSINKI, 2), 50, 0)).any()
@@ -210,7 +210,7 @@ def test_the_place_begins_at_the_hours_of_its_goals(place) -> None:
 
 CONFIG = dataclasses.replace(
     preset_for(HELSINKI, "default"), rounds=1, round_steps=8, walkers=4, batch=4, capacity=8, hidden=(4,), n_step=2,
-    goals=2, crowds=4, fresh_crowds=2, test_walks=3,
+    destinations=2, futures=4, fresh_futures=2, test_walks=3,
 )  # fmt: skip
 
 
@@ -223,10 +223,10 @@ def learned(place):
 def test_an_environment_expects_each_goal_at_its_hour(learned) -> None:
     here, problem, _ = learned
     params = problem.params
-    assert isinstance(params.crowds, SensedSpeeds)
+    assert isinstance(params.futures, SensedSpeeds)
     assert isinstance(params.expected, SensedSpeeds)
     # (300 + 1,200 s) / 300 s = 5 slots
-    assert params.crowds.density.shape == (7, 5, 160)
+    assert params.futures.density.shape == (7, 5, 160)
     assert params.expected.density.shape == (2, 5, 160)
     assert here.flow.start.tolist() == VENUE.starts(2)
     np.testing.assert_allclose(params.expected.density, jax.jit(lambda f: f.expected(5).sensed)(here.flow), rtol=1e-4)
@@ -234,36 +234,36 @@ def test_an_environment_expects_each_goal_at_its_hour(learned) -> None:
 
 def test_no_walk_ends_where_it_begins(place, learned) -> None:
     _, problem, _ = learned
-    goals = anywhere_to_anywhere(place, 7, 0)
-    found = instances(HELSINKI, place, problem.params, 7, goals=goals)
-    assert found.destination.tolist() == goals[:, 0].tolist()
-    many = instances(HELSINKI, place, problem.params, 5_000, goals=goals)
+    destinations = anywhere_to_anywhere(place, 7, 0)
+    found = instances(HELSINKI, place, problem.params, 7, destinations=destinations)
+    assert found.destination.tolist() == destinations[:, 0].tolist()
+    many = instances(HELSINKI, place, problem.params, 5_000, destinations=destinations)
     assert (many.origin != many.destination).all()
     assert (many.origin >= 0).all()
     assert (many.origin < place.network.nodes).all()
     assert ((many.departure >= 0) & (many.departure < 300)).all()
     # Crowd number c is for goal number c.
-    np.testing.assert_array_equal(many.crowd, np.arange(5_000) % 7)
-    np.testing.assert_array_equal(many.destination, goals[np.arange(5_000) % 7, 0])
+    np.testing.assert_array_equal(many.future, np.arange(5_000) % 7)
+    np.testing.assert_array_equal(many.destination, destinations[np.arange(5_000) % 7, 0])
 
 
 def test_fresh_crowds_are_others_at_the_same_sensors(learned) -> None:
     here, problem, _ = learned
     params = problem.params
-    after = put_crowds(params, new_crowds(HELSINKI, here, params, 1, 2), jnp.int32(2))
-    assert (after.crowds.density[2:4] != params.crowds.density[2:4]).all(axis=(1, 2)).all()
+    after = replace_futures(params, sample_futures(HELSINKI, here, params, 1, 2), jnp.int32(2))
+    assert (after.futures.density[2:4] != params.futures.density[2:4]).all(axis=(1, 2)).all()
     kept = jnp.array([0, 1, 4, 5, 6])
-    np.testing.assert_array_equal(after.crowds.density[kept], params.crowds.density[kept])
-    for one, other in zip(jax.tree.leaves(after.crowds.spread), jax.tree.leaves(here.flow.spread), strict=True):
+    np.testing.assert_array_equal(after.futures.density[kept], params.futures.density[kept])
+    for one, other in zip(jax.tree.leaves(after.futures.weights), jax.tree.leaves(here.flow.weights), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_fresh_crowds_begin_at_the_hours_of_those_they_replace(place) -> None:
     # Of two goals, three fresh crowds would begin at the hours of goals 0, 1, 0 in the places of 1, 0, 1.
-    three = dataclasses.replace(CONFIG, crowds=6, fresh_crowds=3)
+    three = dataclasses.replace(CONFIG, futures=6, fresh_futures=3)
     with pytest.raises(TrainConfigError, match="goals must divide the 3 fresh crowds, and 2 will not do"):
         learned_place(three, HELSINKI, place)
-    learned_place(dataclasses.replace(three, fresh_crowds=0), HELSINKI, place)
+    learned_place(dataclasses.replace(three, fresh_futures=0), HELSINKI, place)
 
 
 def test_a_model_can_be_read_without_its_place(learned, tmp_path, monkeypatch) -> None:
@@ -340,7 +340,7 @@ def test_corrections_are_followed_where_they_save_seconds(
     three = jnp.zeros(3)
     first, where = jnp.float32(0), jnp.zeros(2)
     local = Local(first, where, jnp.arange(3), jnp.zeros((3, 2)), *[three] * 3, jnp.array(again), jnp.arange(3))
-    usual = Usual(three, three, surprise=three, heavier=three)
+    usual = Usual(three, three, log_density_ratio=three, cost_to_go_scaled=three)
     # in seconds: the first exit is the level's own choice
     estimate = jnp.array([500.0, 600.0, 100.0])
     valid = jnp.array([True, True, False])
@@ -376,17 +376,17 @@ def test_lights_and_crossings_are_those_of_the_streets_both_ways(place) -> None:
     others = street != dark
     np.testing.assert_array_equal(np.asarray(timed.offset)[others], np.asarray(waits.offset)[others])
     # Goals have hours of their own.
-    goals = np.array([[3], [4]])
-    here = set_out(lit, draw_map(lit, 1), goals)
+    destinations = np.array([[3], [4]])
+    here = set_out(lit, draw_map(lit, 1), destinations)
     np.testing.assert_array_equal(here.waits.start, here.flow.start)
 
 
 def test_nobody_beats_who_knows_the_phases_of_all_lights() -> None:
     lit = dataclasses.replace(HELSINKI, venue=dataclasses.replace(VENUE, traffic=Traffic()))
-    goals = np.array([[3], [400]])
-    here = set_out(lit, draw_map(lit, 1), goals)
-    params = make_environment(lit, here, "test", 2, level="map", goals=goals)
-    todo = instances(lit, here, params, 2, goals=goals)
+    destinations = np.array([[3], [400]])
+    here = set_out(lit, draw_map(lit, 1), destinations)
+    params = make_environment(lit, here, "test", 2, level="map", destinations=destinations)
+    todo = instances(lit, here, params, 2, destinations=destinations)
     minutes = {}
     for planner in (Expected(), GreedyMap(), Clairvoyant()):
         walked = walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(0))

@@ -23,7 +23,7 @@ from sidestep.network.graph import road_network
 from sidestep.planners.registry import BASELINES
 from sidestep.scenarios.build import check_ways, crossings
 from sidestep.scenarios.builtin import BUILT_IN, changed
-from sidestep.scenarios.episodes import anywhere_to_anywhere, goals_of, instances, sampler
+from sidestep.scenarios.episodes import anywhere_to_anywhere, destinations_of, instances, sampler
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Light, ScenarioError, Sensor, Traffic, Venue
@@ -433,16 +433,18 @@ def somewhere():
 def test_walks_begin_and_end_where_the_venue_says(somewhere) -> None:
     scenario, place = somewhere
     assert (place.origins, place.ends) == ((5, 17, 200), (17, 300))
-    goals = anywhere_to_anywhere(place, 50, 0)
-    assert sorted(goals.ravel().tolist()) == [17, 300]
+    destinations = anywhere_to_anywhere(place, 50, 0)
+    assert sorted(destinations.ravel().tolist()) == [17, 300]
     params = make_environment(scenario, place, "test", 60)
-    walks = instances(scenario, place, params, 60, goals=goals)
+    walks = instances(scenario, place, params, 60, destinations=destinations)
     pairs = set(zip(walks.origin.tolist(), walks.destination.tolist(), strict=True))
     assert pairs == {(5, 17), (200, 17), (5, 300), (17, 300), (200, 300)}
-    assert walks.destination.tolist()[:4] == goals.ravel().tolist() * 2
+    assert walks.destination.tolist()[:4] == destinations.ravel().tolist() * 2
     draws = jnp.asarray(np.random.default_rng(0).random((300, 4)), jnp.float32)
     for anywhere in (True, False):
-        drawn = jax.vmap(sampler(scenario, place, params, 60, goals=goals, anywhere=anywhere).sample)(draws)
+        drawn = jax.vmap(sampler(scenario, place, params, 60, destinations=destinations, anywhere=anywhere).sample)(
+            draws
+        )
         assert set(zip(drawn.origin.tolist(), drawn.destination.tolist(), strict=True)) == pairs
     # without being told where, they do not go from corner to corner either
     alone = instances(scenario, place, params, 20)
@@ -452,26 +454,26 @@ def test_walks_begin_and_end_where_the_venue_says(somewhere) -> None:
 
 def test_goals_to_learn_and_to_compare(somewhere) -> None:
     scenario, place = somewhere
-    assert sorted(goals_of(place, 2).ravel().tolist()) == [17, 300]
-    assert goals_of(place, 1).tolist() == goals_of(place, 2)[:1].tolist()
+    assert sorted(destinations_of(place, 2).ravel().tolist()) == [17, 300]
+    assert destinations_of(place, 1).tolist() == destinations_of(place, 2)[:1].tolist()
     with pytest.raises(ScenarioError, match="between 1 and 2 destinations, not 3"):
-        goals_of(place, 3)
+        destinations_of(place, 3)
     config = preset_for(scenario, "default")
-    assert (config.goals, config.crowds, config.fresh_crowds) == (2, 64, 32)
+    assert (config.destinations, config.futures, config.fresh_futures) == (2, 64, 32)
     venue = dataclasses.replace(scenario.venue, destinations=(1, 2, 3))
     for level in ("local", "map", "live"):
         config = preset_for(dataclasses.replace(scenario, venue=venue), "default", level)
         # at level live they are not renewed
-        crowds, fresh = (90, 0) if level == "live" else (60, 30)
-        assert (config.goals, config.crowds, config.fresh_crowds) == (3, crowds, fresh)
-    assert preset_for(BUILT_IN["helsinki"], "default").goals == 32
+        futures, fresh = (90, 0) if level == "live" else (60, 30)
+        assert (config.destinations, config.futures, config.fresh_futures) == (3, futures, fresh)
+    assert preset_for(BUILT_IN["helsinki"], "default").destinations == 32
 
 
 def test_the_only_origin_is_nobodys_destination(somewhere) -> None:
     _, place = somewhere
     lone = dataclasses.replace(place, origins=(17,), ends=())
     nodes = place.network.nodes
-    everywhere = goals_of(lone, nodes - 2).ravel().tolist()
+    everywhere = destinations_of(lone, nodes - 2).ravel().tolist()
     assert len(set(everywhere)) == nodes - 2
     assert 17 not in everywhere
     assert 17 not in anywhere_to_anywhere(lone, nodes - 1, 0)

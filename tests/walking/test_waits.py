@@ -31,8 +31,8 @@ def waits(**changes: object) -> Waits:
     return replace(flat, **changes)
 
 
-def seconds(found: Waits, clock: float, crowd: int = 0) -> list[float]:
-    return found.seconds(jnp.int32(crowd), ALL, jnp.full(3, clock, float)).tolist()
+def seconds(found: Waits, clock: float, future: int = 0) -> list[float]:
+    return found.seconds(jnp.int32(future), ALL, jnp.full(3, clock, float)).tolist()
 
 
 # Adams: (e^.8 - .8 - 1) / .1
@@ -47,8 +47,8 @@ def test_who_comes_at_red_leaves_as_it_turns_green(clock: float, red: float) -> 
 
 def test_every_crowd_meets_the_lights_elsewhere_in_their_cycle() -> None:
     # Crowd 1 is .618034 of an hour later, 2,224.922 s, which is 64.922 s after a whole cycle: green from 84.922 s on.
-    assert seconds(waits(), 50.0, crowd=1)[0] == pytest.approx(84.922 - 50, abs=2e-3)
-    red = [seconds(waits(), 50.0, crowd)[0] for crowd in range(90)]
+    assert seconds(waits(), 50.0, future=1)[0] == pytest.approx(84.922 - 50, abs=2e-3)
+    red = [seconds(waits(), 50.0, future)[0] for future in range(90)]
     assert np.mean(red) == pytest.approx(20, abs=0.5)
 
 
@@ -75,11 +75,11 @@ def test_traffic_goes_straight_from_hour_to_hour_and_by_the_crowds_own_day() -> 
         return 2 * float(gap_delay(jnp.float32(rate), 8.0))
 
     on_monday, on_wednesday = ((1800.0, 0.1), (0.0, 0.05), (3600.0, 0.05)), ((0.0, 0.1), (3600.0, 0.1), (1800.0, 0.2))
-    for crowd, clock, rate in (*((0, *each) for each in on_monday), *((3, *each) for each in on_wednesday)):
-        assert seconds(found, clock, crowd)[2] == pytest.approx(delay(rate), rel=1e-3), (crowd, clock)
+    for future, clock, rate in (*((0, *each) for each in on_monday), *((3, *each) for each in on_wednesday)):
+        assert seconds(found, clock, future)[2] == pytest.approx(delay(rate), rel=1e-3), (future, clock)
 
 
-leave: Callable[..., jax.Array] = jax.jit(lambda found, crowd, clock: clock + found.seconds(crowd, ALL, clock))
+leave: Callable[..., jax.Array] = jax.jit(lambda found, future, clock: clock + found.seconds(future, ALL, clock))
 
 
 @given(
@@ -87,7 +87,7 @@ leave: Callable[..., jax.Array] = jax.jit(lambda found, crowd, clock: clock + fo
     st.integers(0, 167), st.integers(0, 5),
 )  # fmt: skip
 def test_nobody_leaves_before_those_who_came_earlier(
-    one: float, other: float, offset: float, busiest: float, start: int, crowd: int
+    one: float, other: float, offset: float, busiest: float, start: int, future: int
 ) -> None:
     # Up to as many vehicles as scenarios may have, four in each gap of 8 s, on as many crossings as a street may have.
     found = waits(
@@ -96,7 +96,7 @@ def test_nobody_leaves_before_those_who_came_earlier(
         unsignalised=jnp.full(3, float(MOST_CROSSINGS)),
         start=jnp.array([float(start)]),
     )
-    early, late = (leave(found, crowd, jnp.full(3, clock)) for clock in sorted((one, other)))
+    early, late = (leave(found, future, jnp.full(3, clock)) for clock in sorted((one, other)))
     assert (np.asarray(late - early) >= -1e-3).all()
     assert (np.asarray(early) >= min(one, other)).all()
 

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from sidestep.agent.config import TrainConfig
-from sidestep.agent.train import QNetwork, TrainState, fresh_network, learned_place, prepare, shown
+from sidestep.agent.train import QNetwork, TrainState, fresh_network, learned_place, prepare, selected_params
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
 from sidestep.network.graph import RoadNetwork, road_network
@@ -59,7 +59,7 @@ class TrainingRun(Training):
     @property
     def network(self) -> QNetwork:
         """The network that this run has to show."""
-        return shown(self.config, self.state)
+        return selected_params(self.config, self.state)
 
 
 def save(run: TrainingRun, folder: Path) -> None:
@@ -98,8 +98,8 @@ def load(folder: Path) -> TrainingRun:
                 f"the streets or crowds of {run.scenario.name} have changed since the model in {folder} was saved; "
                 "it cannot go on"
             )
-        place = learned_place(run.config, run.scenario, drawn)
-        return jax.eval_shape(lambda here: _plain(prepare(run.config, run.scenario, here)[1]), place)
+        scenario_map = learned_place(run.config, run.scenario, drawn)
+        return jax.eval_shape(lambda here: _plain(prepare(run.config, run.scenario, here)[1]), scenario_map)
 
     training, state = _read(folder, CHECKPOINT, template)
     return TrainingRun(**_fields(training), state=_keyed(state))

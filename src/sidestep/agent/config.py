@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sidestep.environment.types import Seen
+from sidestep.environment.types import Information
 from sidestep.errors import SidestepError
 
 
@@ -36,15 +36,15 @@ class TrainConfig:
     epsilon_share: float  # share of the training in which ε falls linearly from one to the other
     random_origins: float  # share of the training whose episodes start anywhere; with several goals all of it
     keep: Literal["best", "last"]  # which network to return: that of the best test walks, or the last
-    level: Seen = "position"  # what the walker sees
+    level: Information = "position"  # what the walker sees
     table: bool = False  # level position: a number for every crossing and exit instead of a network
     dueling: bool = True  # value and advantage apart
     potential: bool = True  # beyond level position: Q corrects the level's own estimate of the time to go
     places: int = 0  # numbers to learn about each node and time of day, where the map is always the same
     n_step: int = 1  # steps of each return
-    goals: int = 1  # destinations to learn, the scenario's own first
-    crowds: int = 64  # futures that training walks meet; the test walks have their own
-    fresh_crowds: int = 0  # how many of them are replaced by others after every round
+    destinations: int = 1  # destinations to learn, the scenario's own first
+    futures: int = 64  # futures that training walks meet; the test walks have their own
+    fresh_futures: int = 0  # how many of them are replaced by others after every round
     huber: float = 0.0  # beyond it errors count in proportion, not by their squares; in units of reward, 0: never
     test_walks: int = 10  # greedy walks after every round, as in the paper
 
@@ -59,8 +59,8 @@ class TrainConfig:
 
     def _check_sizes(self) -> None:
         for name in (
-            "rounds", "round_steps", "walkers", "batch", "capacity", "target_period", "n_step", "goals", "crowds",
-            "test_walks",
+            "rounds", "round_steps", "walkers", "batch", "capacity", "target_period", "n_step", "destinations",
+            "futures", "test_walks",
         ):  # fmt: skip
             if getattr(self, name) < 1:
                 raise TrainConfigError(f"{name} must be at least 1, not {getattr(self, name)}")
@@ -68,7 +68,7 @@ class TrainConfig:
             raise TrainConfigError(
                 f"n_step must be at most the {self.iterations} iterations of a round, not {self.n_step}"
             )
-        for name in ("places", "fresh_crowds", "huber"):
+        for name in ("places", "fresh_futures", "huber"):
             if getattr(self, name) < 0:
                 raise TrainConfigError(f"{name} must not be negative, not {getattr(self, name)}")
         for name in ("round_steps", "capacity"):
@@ -78,16 +78,18 @@ class TrainConfig:
                 )
 
     def _check_crowds(self) -> None:
-        if self.level == "position" and self.goals > 1:
-            raise TrainConfigError(f"a walker that sees its position alone cannot tell {self.goals} destinations apart")
-        if self.fresh_crowds and self.crowds % self.fresh_crowds:
+        if self.level == "position" and self.destinations > 1:
             raise TrainConfigError(
-                f"fresh_crowds must divide the {self.crowds} crowds, so {self.fresh_crowds} will not do"
+                f"a walker that sees its position alone cannot tell {self.destinations} destinations apart"
             )
-        if self.level == "live" and (self.crowds % self.goals or self.fresh_crowds % self.goals):
+        if self.fresh_futures and self.futures % self.fresh_futures:
             raise TrainConfigError(
-                f"at level live goals must divide the {self.crowds} crowds and the {self.fresh_crowds} fresh ones, "
-                f"so {self.goals} will not do"
+                f"fresh_futures must divide the {self.futures} futures, so {self.fresh_futures} will not do"
+            )
+        if self.level == "live" and (self.futures % self.destinations or self.fresh_futures % self.destinations):
+            raise TrainConfigError(
+                f"at level live goals must divide the {self.futures} futures and the {self.fresh_futures} fresh ones, "
+                f"so {self.destinations} will not do"
             )
 
     @property

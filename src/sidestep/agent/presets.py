@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Literal
 
 from sidestep.agent.config import TrainConfig, TrainConfigError
-from sidestep.environment.types import Seen
+from sidestep.environment.types import Information
 from sidestep.scenarios.build import town_of
 from sidestep.scenarios.model import Scenario
 
@@ -30,7 +30,7 @@ _LOCAL = TrainConfig(
     priority_floor=0.01, gamma=1.0, double=True, hidden=(64, 64), one_hot=False, unit=10.0, target_period=1,
     target_rate=0.02, optimiser="adam", learning_rate=2e-3, learning_rate_end=0.0, decay=0.9, damping=1e-10,
     epsilon=0.3, epsilon_end=0.02, epsilon_share=0.5, random_origins=0.5, keep="last",
-    level="local", places=8, fresh_crowds=32, test_walks=50,
+    level="local", places=8, fresh_futures=32, test_walks=50,
 )  # fmt: skip
 
 
@@ -40,11 +40,11 @@ _MAP = replace(
 
 
 _LIVE = replace(
-    _MAP, level="live", places=0, n_step=8, learning_rate=5e-4, crowds=32, fresh_crowds=8, test_walks=16, rounds=100,
+    _MAP, level="live", places=0, n_step=8, learning_rate=5e-4, futures=32, fresh_futures=8, test_walks=16, rounds=100,
 )  # fmt: skip
 
 
-_DEFAULT: dict[Seen, TrainConfig] = {"position": _POSITION, "local": _LOCAL, "map": _MAP, "live": _LIVE}
+_DEFAULT: dict[Information, TrainConfig] = {"position": _POSITION, "local": _LOCAL, "map": _MAP, "live": _LIVE}
 
 
 _MANY_NODES = 500
@@ -53,7 +53,7 @@ _MANY_NODES = 500
 Preset = Literal["default", "paper", "dqn", "tabular-q"]
 
 
-def preset(name: Preset, level: Seen = "position", *, several_maps: bool = False, nodes: int = 0) -> TrainConfig:
+def preset(name: Preset, level: Information = "position", *, several_maps: bool = False, nodes: int = 0) -> TrainConfig:
     """A way to learn at a level.
 
     ``default`` is ours; ``paper`` has the settings as printed, for its own level ``position``; ``dqn`` is the default
@@ -74,13 +74,13 @@ def preset(name: Preset, level: Seen = "position", *, several_maps: bool = False
     if several_maps:
         if level == "position":
             raise TrainConfigError("coordinates mean nothing on maps that were never walked; train at another level")
-        config = replace(config, places=0, crowds=16, fresh_crowds=4, goals=4)
+        config = replace(config, places=0, futures=16, fresh_futures=4, destinations=4)
     if level == "live" and nodes > _MANY_NODES:
-        config = replace(config, crowds=16, fresh_crowds=1, test_walks=8, rounds=80)
+        config = replace(config, futures=16, fresh_futures=1, test_walks=8, rounds=80)
     return replace(config, dueling=False, double=False, alpha=0.0) if name == "dqn" else config
 
 
-def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> TrainConfig:
+def preset_for(scenario: Scenario, name: Preset, level: Information | None = None) -> TrainConfig:
     """The preset that fits a scenario's maps, at its own level unless another is given."""
     if scenario.venue is not None and (level or scenario.level) == "position":
         raise TrainConfigError(
@@ -95,11 +95,13 @@ def preset_for(scenario: Scenario, name: Preset, level: Seen | None = None) -> T
     config = replace(config, rounds=60, n_step=16, huber=1.0, learning_rate=2e-4, epsilon=0.02, test_walks=32)
     # Crowds are for goals in turn, old ones and those that replace them alike, so their numbers are multiples of it.
     nodes = town_of(scenario.venue.streets).nodes
-    goals = min(32, len(scenario.venue.destinations) or 32, max(nodes - 2, 1))
-    fresh = 32 // goals * goals
+    destinations = min(32, len(scenario.venue.destinations) or 32, max(nodes - 2, 1))
+    fresh = 32 // destinations * destinations
     if config.level == "live":  # forecasts take too long to be renewed
-        return replace(config, goals=goals, crowds=3 * fresh, fresh_crowds=0, learning_rate=1e-4, rounds=40)
-    return replace(config, goals=goals, crowds=2 * fresh, fresh_crowds=fresh)
+        return replace(
+            config, destinations=destinations, futures=3 * fresh, fresh_futures=0, learning_rate=1e-4, rounds=40
+        )
+    return replace(config, destinations=destinations, futures=2 * fresh, fresh_futures=fresh)
 
 
 # Each of a gradient step's 64 transitions, the latest of each walker, changes its number by 1/64 of its error: where

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.agent.q_networks import Linear, combine
-from sidestep.environment.types import TRAIL, Local, Observation
+from sidestep.environment.types import RECENT_NODES, Local, Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.speed_laws import FREE_SPEED
 
@@ -89,7 +89,7 @@ class SegmentQNetwork(eqx.Module):
             onward / self.metres / 10,
             jnp.minimum((estimate - least) / self.seconds, FAR) / 3,
             (local.left == 1).astype(float),
-            jnp.where(local.left <= TRAIL, 1 - local.left / (1 + TRAIL), 0.0),
+            jnp.where(local.left <= RECENT_NODES, 1 - local.left / (1 + RECENT_NODES), 0.0),
         ]
         if seen.usual is not None:
             streets += [
@@ -97,12 +97,16 @@ class SegmentQNetwork(eqx.Module):
                 jnp.log(local.cost / seen.usual.cost),
                 jnp.clip((seen.usual.to_go - least) / self.seconds, -FAR, FAR) / 3,
             ]
-            if seen.usual.surprise is not None and seen.usual.heavier is not None:
-                heavier = jnp.clip(seen.usual.heavier / self.seconds, -FAR, FAR) / 3
-                least_heavier = jnp.min(jnp.where(seen.valid, heavier, jnp.inf))
-                surprise = jnp.sum(jnp.where(seen.valid, seen.usual.surprise, 0.0)) / seen.valid.sum()
-                state.append(surprise[None])
-                streets += [seen.usual.surprise, heavier, (heavier - least_heavier) * surprise]
+            if seen.usual.log_density_ratio is not None and seen.usual.cost_to_go_scaled is not None:
+                cost_to_go_scaled = jnp.clip(seen.usual.cost_to_go_scaled / self.seconds, -FAR, FAR) / 3
+                least_heavier = jnp.min(jnp.where(seen.valid, cost_to_go_scaled, jnp.inf))
+                log_density_ratio = jnp.sum(jnp.where(seen.valid, seen.usual.log_density_ratio, 0.0)) / seen.valid.sum()
+                state.append(log_density_ratio[None])
+                streets += [
+                    seen.usual.log_density_ratio,
+                    cost_to_go_scaled,
+                    (cost_to_go_scaled - least_heavier) * log_density_ratio,
+                ]
         if seen.live is not None:
             streets += [
                 jnp.clip((seen.live.snapshot - least) / self.seconds, -FAR, FAR) / 3,

@@ -25,9 +25,9 @@ from sidestep.environment.rollout import Decide, walk
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
-from sidestep.scenarios.episodes import goals_of, instances, sampler, set_out
-from sidestep.scenarios.futures import make_environment, new_crowds, put_crowds
-from sidestep.scenarios.maps import CrowdedMap, draw_training_map, purpose_key
+from sidestep.scenarios.episodes import destinations_of, instances, sampler, set_out
+from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
+from sidestep.scenarios.maps import ScenarioMap, draw_training_map, purpose_key
 from sidestep.scenarios.model import Scenario
 
 QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
@@ -90,24 +90,29 @@ def optimiser(config: TrainConfig) -> optax.GradientTransformation:
 
 
 def train(
-    config: TrainConfig, scenario: Scenario, place: CrowdedMap, state: TrainState | None = None
+    config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap, state: TrainState | None = None
 ) -> Iterator[tuple[TrainState, RoundReport]]:
     """Train on one map and yield after every round; give a ``state`` to go on from there.
 
     The state that was yielded is used up by the next round: copy what is to be kept.
     """
-    goals, place = goals_of(place, config.goals), learned_place(config, scenario, place)
+    destinations, scenario_map = (
+        destinations_of(scenario_map, config.destinations),
+        learned_place(config, scenario, scenario_map),
+    )
     with ThreadPoolExecutor(1) as pool:
         # The round takes seconds to compile the first time; crowds are drawn meanwhile.
         compiling = pool.submit(_compiled_round, config, scenario)
-        problem, fresh = prepare(config, scenario, place)
+        problem, fresh = prepare(config, scenario, scenario_map)
         one_round = compiling.result()
         state = fresh if state is None else state
-        anywhere = sampler(scenario, place, problem.params, config.crowds, goals=goals, anywhere=True)
+        anywhere = sampler(
+            scenario, scenario_map, problem.params, config.futures, destinations=destinations, anywhere=True
+        )
         before = int(state.iteration) // config.iterations
-        worlds = _worlds(config, scenario, place, problem.params, before, pool)
+        worlds = _worlds(config, scenario, scenario_map, problem.params, before, pool)
         for done, params in zip(range(before, config.rounds), worlds, strict=False):
-            everywhere = config.goals > 1 or done < config.random_origins * config.rounds
+            everywhere = config.destinations > 1 or done < config.random_origins * config.rounds
             from_where = anywhere if everywhere else problem.sampler
             state, report = one_round(params, from_where, problem.tests, state)
             yield state, report
@@ -116,7 +121,7 @@ def train(
 def _worlds(
     config: TrainConfig,
     scenario: Scenario,
-    place: CrowdedMap,
+    scenario_map: ScenarioMap,
     params: EnvParams,
     before: int,
     pool: ThreadPoolExecutor,
@@ -125,21 +130,21 @@ def _worlds(
 
     Walkers that are on their way when their crowd is replaced go on in the new one.
     """
-    if not config.fresh_crowds:
+    if not config.fresh_futures:
         yield from itertools.repeat(params)
-    draw = partial(new_crowds, scenario, place, params, crowds=config.fresh_crowds)
+    draw = partial(sample_futures, scenario, scenario_map, params, futures=config.fresh_futures)
     renewals = iter(range(1, config.rounds))
 
     def first(number: int) -> Int[Array, ""]:
-        return jnp.int32(number * config.fresh_crowds % config.crowds)
+        return jnp.int32(number * config.fresh_futures % config.futures)
 
     for number in itertools.islice(renewals, before):
-        if number > before - config.crowds // config.fresh_crowds:  # or it has been replaced again
-            params = put_crowds(params, draw(number), first(number))
+        if number > before - config.futures // config.fresh_futures:  # or it has been replaced again
+            params = replace_futures(params, draw(number), first(number))
     for number in renewals:
         upcoming = pool.submit(draw, number)
         yield params
-        params = put_crowds(params, upcoming.result(), first(number))
+        params = replace_futures(params, upcoming.result(), first(number))
     yield params
 
 
@@ -151,7 +156,7 @@ class Problem(eqx.Module):
     tests: Instance
 
 
-def learned_place(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> CrowdedMap:
+def learned_place(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> ScenarioMap:
     """A map at the hours at which training walkers set out for each of their goals.
 
     Raises
@@ -159,40 +164,45 @@ def learned_place(config: TrainConfig, scenario: Scenario, place: CrowdedMap) ->
     TrainConfigError
         Fresh crowds that would begin at the hours of other goals than those whose crowds they replace.
     """
-    if scenario.venue is not None and config.fresh_crowds % config.goals:
+    if scenario.venue is not None and config.fresh_futures % config.destinations:
         raise TrainConfigError(
-            f"each goal has hours of its own, so goals must divide the {config.fresh_crowds} fresh crowds, "
-            f"and {config.goals} will not do"
+            f"each goal has hours of its own, so goals must divide the {config.fresh_futures} fresh crowds, "
+            f"and {config.destinations} will not do"
         )
-    return set_out(scenario, place, goals_of(place, config.goals))
+    return set_out(scenario, scenario_map, destinations_of(scenario_map, config.destinations))
 
 
-def prepare(config: TrainConfig, scenario: Scenario, place: CrowdedMap) -> tuple[Problem, TrainState]:
+def prepare(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> tuple[Problem, TrainState]:
     """Crowds, walks and an untrained state for one map; ``jax.eval_shape`` gives their shapes without the work."""
-    goals = goals_of(place, config.goals)
+    destinations = destinations_of(scenario_map, config.destinations)
     params = make_environment(
-        scenario, place, "learn", config.crowds + config.test_walks, level=config.level, goals=goals
+        scenario,
+        scenario_map,
+        "learn",
+        config.futures + config.test_walks,
+        level=config.level,
+        destinations=destinations,
     )
-    here = sampler(scenario, place, params, config.crowds, goals=goals)
-    several = goals if config.goals > 1 else None
-    tests = instances(scenario, place, params, config.test_walks, first=config.crowds, goals=several)
-    return Problem(params, here, tests), start(config, scenario, params, here, place)
+    here = sampler(scenario, scenario_map, params, config.futures, destinations=destinations)
+    several = destinations if config.destinations > 1 else None
+    tests = instances(scenario, scenario_map, params, config.test_walks, first=config.futures, destinations=several)
+    return Problem(params, here, tests), start(config, scenario, params, here, scenario_map)
 
 
 @cached_by_files(lambda _, scenario: scenario.files, most=16)
 def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
-    place = learned_place(config, scenario, draw_training_map(scenario, seed=0))
-    problem, state = jax.eval_shape(partial(prepare, config, scenario), place)
+    scenario_map = learned_place(config, scenario, draw_training_map(scenario, seed=0))
+    problem, state = jax.eval_shape(partial(prepare, config, scenario), scenario_map)
     return train_round.lower(config, problem.params, problem.sampler, problem.tests, state).compile()
 
 
 @partial(jax.jit, static_argnames=("config", "scenario"))
 def start(
-    config: TrainConfig, scenario: Scenario, params: EnvParams, sampler: InstanceSampler, place: CrowdedMap
+    config: TrainConfig, scenario: Scenario, params: EnvParams, sampler: InstanceSampler, scenario_map: ScenarioMap
 ) -> TrainState:
     """Untrained network, empty replay, walkers at their origins."""
-    key, network_key, walker_key = jax.random.split(purpose_key(place, "explore"), 3)
+    key, network_key, walker_key = jax.random.split(purpose_key(scenario_map, "explore"), 3)
     network = fresh_network(config, scenario, params.network, network_key)
     draws = jax.random.uniform(walker_key, (config.walkers, DRAWS))
     state, observation = jax.vmap(lambda draw: reset(params, sampler.sample(draw)))(draws)
@@ -262,7 +272,7 @@ def train_round(
     return state, RoundReport(minutes, tested.arrived, jnp.mean(losses))
 
 
-def shown(config: TrainConfig, state: TrainState) -> QNetwork:
+def selected_params(config: TrainConfig, state: TrainState) -> QNetwork:
     """The network that a run has to show: the best in test walks or the last, as configured."""
     return state.best if config.keep == "best" else state.network
 
@@ -279,7 +289,7 @@ def greedy(network: QNetwork) -> Decide:
     def decide(observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
         value = network(observation)
         local, usual, estimate = observation.local, observation.usual, observation.estimate
-        sensed = usual is not None and usual.surprise is not None
+        sensed = usual is not None and usual.log_density_ratio is not None
         if sensed and isinstance(network, SegmentQNetwork) and local is not None and estimate is not None:
             preferred = jnp.argmax(mask(-estimate, observation.valid))
             worth = WORTH_SECONDS if observation.live is None else WORTH_SECONDS_LIVE
@@ -303,7 +313,7 @@ def _iterate(
         config, params, sampler, state.network, state.walkers, state.iteration, for_walkers.reshape(config.walkers, -1)
     )
     replay = memory.add(state.replay, transitions, config.walkers)
-    place, batch, weight = memory.sample(replay, for_batch, config.beta)
+    index, batch, weight = memory.sample(replay, for_batch, config.beta)
 
     def loss(network: QNetwork) -> tuple[Float[Array, ""], Float[Array, " batch"]]:
         td_error = jax.vmap(partial(_td_error, config, network, state.target))(batch)
@@ -312,7 +322,7 @@ def _iterate(
         return jnp.mean(weight * losses), td_error
 
     (mean_loss, td_error), gradient = jax.value_and_grad(loss, has_aux=True)(state.network)
-    replay = memory.reprioritise(replay, place, td_error, config.alpha, config.priority_floor)
+    replay = memory.reprioritise(replay, index, td_error, config.alpha, config.priority_floor)
     change, optimiser_state = optimiser(config).update(gradient, state.optimiser)
     network = optax.apply_updates(state.network, change)
     iteration = state.iteration + 1

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sidestep.network.osm import ImportReport
     from sidestep.planners.base import Planner
     from sidestep.routing.plan import Journey
-    from sidestep.scenarios.maps import CrowdedMap
+    from sidestep.scenarios.maps import ScenarioMap
     from sidestep.scenarios.model import Scenario
     from sidestep.scenarios.tables import TableReport
 
@@ -449,7 +449,7 @@ def _planner(
     name: str | None,
     model: Path | None,
     problem: "Scenario",
-    place: "CrowdedMap",
+    place: "ScenarioMap",
     seed: int,
     index: int,
     end: int,

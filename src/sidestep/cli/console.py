@@ -47,7 +47,7 @@ def show_results(results: "Results") -> None:
         "90 %": "" if objective else ">90 % in",
         "in time": f">within {by:g}" if by else "",
         "saved": ">saved",
-        "difference": f">over {results['rival']}",
+        "difference": f">over {results['baseline']}",
         "difference 95 %": ">95 %",
         "regret": ">regret",
         "arrive": ">arrive",

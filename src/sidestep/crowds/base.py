@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.arima import Arima, forecast, simulate
-from sidestep.crowds.interpolation import Spread
+from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.network.graph import RoadNetwork
 
 SLOT_SECONDS = 300.0
@@ -18,11 +18,11 @@ SLOT_SECONDS = 300.0
 class FlowField(eqx.Module):
     """Volumes per slot and segment; leading axes, if any, count alternative crowds."""
 
-    volume: Float[Array, "*crowd slot segment"]  # persons, positive
+    volume: Float[Array, "*future slot segment"]  # persons, positive
     slot_seconds: float = eqx.field(static=True, default=SLOT_SECONDS)
 
     @property
-    def counted(self) -> Float[Array, "*crowd slot segment"]:
+    def counted(self) -> Float[Array, "*future slot segment"]:
         """What is known of a slot when everything is counted."""
         return self.volume
 
@@ -30,11 +30,11 @@ class FlowField(eqx.Module):
         """The paper's P of one slot (eq. 2): persons from node i to node j, -1 where there is no segment."""
         return network.matrix(self.volume[slot])
 
-    def density(self, network: RoadNetwork) -> Float[Array, "*crowd slot segment"]:
+    def density(self, network: RoadNetwork) -> Float[Array, "*future slot segment"]:
         """Persons per m²."""
         return self.volume / (network.length * network.width)
 
-    def with_counted(self, counted: Float[Array, "*crowd slot segment"]) -> "FlowField":
+    def with_counted(self, counted: Float[Array, "*future slot segment"]) -> "FlowField":
         """The same with other volumes."""
         return replace(self, volume=counted)
 
@@ -42,20 +42,20 @@ class FlowField(eqx.Module):
 class SensedField(eqx.Module):
     """Densities at sensors per slot; leading axes, if any, count alternative crowds."""
 
-    sensed: Float[Array, "*crowd slot sensor"]  # persons/m²
-    spread: Spread
+    sensed: Float[Array, "*future slot sensor"]  # persons/m²
+    weights: InterpolationWeights
     slot_seconds: float = eqx.field(static=True)
 
     @property
-    def counted(self) -> Float[Array, "*crowd slot sensor"]:
+    def counted(self) -> Float[Array, "*future slot sensor"]:
         """What is known of a slot when everything is counted."""
         return self.sensed
 
-    def density(self, _network: RoadNetwork) -> Float[Array, "*crowd slot segment"]:
+    def density(self, _network: RoadNetwork) -> Float[Array, "*future slot segment"]:
         """Persons per m² on every segment."""
-        return self.spread.everywhere(self.sensed)
+        return self.weights.everywhere(self.sensed)
 
-    def with_counted(self, counted: Float[Array, "*crowd slot sensor"]) -> "SensedField":
+    def with_counted(self, counted: Float[Array, "*future slot sensor"]) -> "SensedField":
         """The same with other densities at the sensors."""
         return replace(self, sensed=counted)
 
@@ -71,12 +71,12 @@ class FlowModel(Protocol):
         """The forecast made at clock 0: what somebody who knows the usual crowds expects."""
         ...
 
-    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> Field:
-        """Possible futures, with a leading axis of ``crowds``."""
+    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> Field:
+        """Possible futures, with a leading axis of ``futures``."""
         ...
 
     def ahead(
-        self, now: Float[Array, " counter"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0, /
+        self, now: Float[Array, " counter"], slot: Int[Array, ""], slots: int, future: Int[Array, ""] | int = 0, /
     ) -> Float[Array, "slots counter"]:
         """The forecast of slot number ``slot`` and those after it, made when its counts ``now`` are known."""
         ...
@@ -95,9 +95,9 @@ class ArimaFlow(eqx.Module):
     def expected(self, slots: int) -> FlowField:
         return self._field(forecast(self.model, self.initial[None], slots - 1))
 
-    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
-        innovations = jax.random.normal(key, (slots - 1, crowds, self.initial.shape[0]))
-        history = jnp.broadcast_to(self.initial, (1, crowds, self.initial.shape[0]))
+    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> FlowField:
+        innovations = jax.random.normal(key, (slots - 1, futures, self.initial.shape[0]))
+        history = jnp.broadcast_to(self.initial, (1, futures, self.initial.shape[0]))
         return self._field(simulate(self.model, history, innovations))
 
     def ahead(
@@ -107,7 +107,7 @@ class ArimaFlow(eqx.Module):
         volume = jnp.concatenate([now[None], forecast(self.model, now[None], slots - 1)])
         return jnp.maximum(volume, self.floor)
 
-    def _field(self, later: Float[Array, "later *crowd segment"]) -> FlowField:
+    def _field(self, later: Float[Array, "later *future segment"]) -> FlowField:
         now = jnp.broadcast_to(self.initial, later.shape[1:])[None]
         volume = jnp.moveaxis(jnp.concatenate([now, later]), 0, -2)
         return FlowField(jnp.maximum(volume, self.floor), self.model.step)

@@ -15,7 +15,7 @@ NEAR = 4  # sensors that a segment listens to
 FADED = 6.0  # reaches beyond which a sensor is not heard: exp(-6) is a quarter of a per cent
 
 
-class Spread(eqx.Module):
+class InterpolationWeights(eqx.Module):
     """The sensors that each segment listens to, and how much; unused places have weight 0."""
 
     sensor: Int[Array, "segment near"]
@@ -30,7 +30,9 @@ class Spread(eqx.Module):
         )
 
 
-def spread_along(network: RoadNetwork, segment: Int[np.ndarray, " sensor"], reach: float) -> Spread:
+def interpolation_weights(
+    network: RoadNetwork, segment: Int[np.ndarray, " sensor"], reach: float
+) -> InterpolationWeights:
     """Let the crowd of each sensor fade along the streets around it.
 
     A segment whose middle is d metres of walking from a sensor, in whichever direction is shorter, takes exp(-d/reach)
@@ -59,7 +61,7 @@ def spread_along(network: RoadNetwork, segment: Int[np.ndarray, " sensor"], reac
     share = np.exp(-np.take_along_axis(away.T, nearest, axis=1) / reach)
     share[share < math.exp(-FADED)] = 0.0
     share /= np.maximum(share.sum(axis=1, keepdims=True), 1.0)
-    return Spread(jnp.asarray(nearest, jnp.int32), jnp.asarray(share, jnp.float32))
+    return InterpolationWeights(jnp.asarray(nearest, jnp.int32), jnp.asarray(share, jnp.float32))
 
 
 def walking_distances(

@@ -28,36 +28,36 @@ class RushFlow(eqx.Module):
         """Mean volumes."""
         return self._field(self.usual(jnp.arange(slots)) * jnp.exp(self.deviation**2 / 2))
 
-    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> FlowField:
         """Possible futures; the noise is stationary from the first slot on."""
-        return self._field(self.usual(jnp.arange(slots)) * jnp.exp(self.noise(key, crowds, slots)))
+        return self._field(self.usual(jnp.arange(slots)) * jnp.exp(self.noise(key, futures, slots)))
 
     def ahead(
         self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int, _crowd: Int[Array, ""] | int = 0
     ) -> Float[Array, "slots segment"]:
         """Mean volumes of this and the next slots, given those of this one."""
         after = slot + jnp.arange(slots)
-        surprise = jnp.log(now) - jnp.log(self.usual(slot[None])[0])
+        log_density_ratio = jnp.log(now) - jnp.log(self.usual(slot[None])[0])
         fading = self.memory ** jnp.arange(slots, dtype=float)[:, None]
         spread = self.deviation**2 * (1 - fading**2) / 2
-        return jnp.maximum(self.usual(after) * jnp.exp(fading * surprise + spread), self.floor)
+        return jnp.maximum(self.usual(after) * jnp.exp(fading * log_density_ratio + spread), self.floor)
 
     def usual(self, slot: Int[Array, " slots"]) -> Float[Array, "slots segment"]:
         """Median volumes."""
         turn = 2 * jnp.pi * slot[:, None] * self.slot_seconds / self.period
         return self.base * jnp.exp(self.amplitude * jnp.sin(turn + self.phase))
 
-    def noise(self, key: Key[Array, ""], crowds: int, slots: int) -> Float[Array, "crowd slot segment"]:
+    def noise(self, key: Key[Array, ""], futures: int, slots: int) -> Float[Array, "future slot segment"]:
         """Logarithms of the noise."""
-        return lasting_noise(key, (crowds, slots, self.base.shape[0]), self.memory, self.deviation)
+        return lasting_noise(key, (futures, slots, self.base.shape[0]), self.memory, self.deviation)
 
-    def _field(self, volume: Float[Array, "*crowd slot segment"]) -> FlowField:
+    def _field(self, volume: Float[Array, "*future slot segment"]) -> FlowField:
         return FlowField(jnp.maximum(volume, self.floor), self.slot_seconds)
 
 
 def lasting_noise(
     key: Key[Array, ""], shape: tuple[int, int, int], memory: float, deviation: float
-) -> Float[Array, "crowd slot segment"]:
+) -> Float[Array, "future slot segment"]:
     """A stationary AR(1) over the slots of every crowd and segment, independent of all others.
 
     Parameters
@@ -69,8 +69,8 @@ def lasting_noise(
     deviation
         Standard deviation, in every slot.
     """
-    crowds, slots, segments = shape
-    innovations = jax.random.normal(key, (slots, crowds, segments)) * deviation
+    futures, slots, segments = shape
+    innovations = jax.random.normal(key, (slots, futures, segments)) * deviation
     fresh = jnp.sqrt(1 - memory**2)
 
     def later(noise: Array, innovation: Array) -> tuple[Array, Array]:
@@ -101,15 +101,15 @@ class ShiftingFlow(eqx.Module):
         crowded = 1 - missed
         return self._based(self.ordinary.base * (1 - crowded) + self.mean * crowded).expected(slots)
 
-    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> FlowField:
         """Possible futures, each with crowded nodes of its own."""
         for_nodes, for_volumes, for_noise = jax.random.split(key, 3)
-        lot = jnp.where(self.spared, jnp.inf, jax.random.uniform(for_nodes, (crowds, self.spared.shape[0])))
+        lot = jnp.where(self.spared, jnp.inf, jax.random.uniform(for_nodes, (futures, self.spared.shape[0])))
         crowded = jnp.argsort(jnp.argsort(lot, axis=1), axis=1) < self.crowded_nodes
-        volume = self.mean + self.spread * jax.random.normal(for_volumes, (crowds, self.ends.shape[0]))
+        volume = self.mean + self.spread * jax.random.normal(for_volumes, (futures, self.ends.shape[0]))
         base = jnp.where(crowded[:, self.ends].any(axis=-1), jnp.maximum(volume, 1.0), self.ordinary.base)
         usual = jax.vmap(lambda one: self._based(one).usual(jnp.arange(slots)))(base)
-        field = usual * jnp.exp(self.ordinary.noise(for_noise, crowds, slots))
+        field = usual * jnp.exp(self.ordinary.noise(for_noise, futures, slots))
         return FlowField(jnp.maximum(field, self.ordinary.floor), self.ordinary.slot_seconds)
 
     def ahead(

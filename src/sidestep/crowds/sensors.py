@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int, Key
 from sidestep.crowds.arima import SeriesError
 from sidestep.crowds.base import SensedField
 from sidestep.crowds.counts import CountTable
-from sidestep.crowds.interpolation import Spread
+from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.profile import HOURS_OF_WEEK, hour_of_week
 
 HOUR = 3600.0
@@ -158,7 +158,7 @@ class SensorFlow(eqx.Module):
     """
 
     model: SensorModel
-    spread: Spread
+    weights: InterpolationWeights
     per_count: Float[Array, " sensor"]  # persons/m² for each person an hour
     start: Float[Array, " world"]  # hour of the week at clock 0, 0 is Monday 0:00
     slot_seconds: float = eqx.field(static=True)
@@ -182,19 +182,21 @@ class SensorFlow(eqx.Module):
             variance = self._lasting + self._together(since, since) * deviation**2
             if known is None:
                 return usual + variance / 2
-            surprise, then = self._surprise(known)
+            log_density_ratio, then = self._surprise(known)
             covariance = self._lasting + self._together(jnp.zeros(1), since) * then * deviation
             counted = jnp.isfinite(known.residual)
-            return usual + _given(surprise, self._lasting + then**2, jnp.where(counted, covariance, 0.0), variance)
+            return usual + _given(
+                log_density_ratio, self._lasting + then**2, jnp.where(counted, covariance, 0.0), variance
+            )
 
         return self._field(jax.vmap(one)(self.start))
 
-    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> SensedField:
+    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> SensedField:
         """Possible futures, or recorded ones."""
-        starts = self.start[jnp.arange(crowds) % self.start.shape[0]]
+        starts = self.start[jnp.arange(futures) % self.start.shape[0]]
         hours = math.ceil(slots * self.slot_seconds / HOUR) + 2
         for_lasting, for_hours = jax.random.split(key)
-        lasting = jax.random.normal(for_lasting, (crowds, self.model.weekly.shape[0]))
+        lasting = jax.random.normal(for_lasting, (futures, self.model.weekly.shape[0]))
         if self.record is None:
             lasting, knots = self._simulated(for_hours, lasting * jnp.sqrt(self._lasting), hours)
         else:
@@ -212,16 +214,16 @@ class SensorFlow(eqx.Module):
         return self._field(jax.vmap(one)(starts, lasting, knots))
 
     def ahead(
-        self, now: Float[Array, " sensor"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0
+        self, now: Float[Array, " sensor"], slot: Int[Array, ""], slots: int, future: Int[Array, ""] | int = 0
     ) -> Float[Array, "slots sensor"]:
         """Mean densities of this and the next slots, given those of this one; a part of the surprise fades."""
-        start, after = self.start[crowd % self.start.shape[0]], slot + jnp.arange(slots)
+        start, after = self.start[future % self.start.shape[0]], slot + jnp.arange(slots)
         usual, deviation = self._usual(start, after)
         since = self._since(start, after)
         variance = self._lasting + self._together(since, since) * deviation**2
-        surprise = jnp.log1p(now / self.per_count) - usual[0]
+        log_density_ratio = jnp.log1p(now / self.per_count) - usual[0]
         covariance = self._lasting + self._together(since[:1], since) * deviation[0] * deviation
-        return self._density(usual + _given(surprise, variance[0], covariance, variance))
+        return self._density(usual + _given(log_density_ratio, variance[0], covariance, variance))
 
     def _surprise(self, known: Known) -> tuple[Float[Array, " sensor"], Float[Array, " sensor"]]:
         """How what is known differs from what was to be expected then, 0 where it is not, and the deviation then."""
@@ -271,8 +273,8 @@ class SensorFlow(eqx.Module):
         return memory**apart * (same + outer * memory) + inner * memory ** jnp.abs(apart - 1)
 
     def _simulated(
-        self, key: Key[Array, ""], lasting: Float[Array, "crowd sensor"], hours: int
-    ) -> tuple[Float[Array, "crowd sensor"], Float[Array, "crowd hour sensor"]]:
+        self, key: Key[Array, ""], lasting: Float[Array, "future sensor"], hours: int
+    ) -> tuple[Float[Array, "future sensor"], Float[Array, "future hour sensor"]]:
         """What lasts, and residuals in units of their deviations."""
         memory, known = self.model.memory, self.known
         steps = hours if known is None else hours + 1  # since the counts may be of the hour before the first one
@@ -280,8 +282,8 @@ class SensorFlow(eqx.Module):
         fresh, first = jnp.sqrt(1 - memory**2), innovations[0]
         if known is not None:
             # Matheron's rule: what was drawn is corrected by as much of the miss as falls on each part.
-            surprise, then = self._surprise(known)
-            miss = jnp.where(jnp.isfinite(known.residual), surprise - lasting - then * first, 0.0)
+            log_density_ratio, then = self._surprise(known)
+            miss = jnp.where(jnp.isfinite(known.residual), log_density_ratio - lasting - then * first, 0.0)
             variance = jnp.maximum(self._lasting + then**2, 1e-12)
             lasting, first = lasting + self._lasting / variance * miss, first + then / variance * miss
 
@@ -298,8 +300,8 @@ class SensorFlow(eqx.Module):
         return lasting, chain[:, jnp.clip(after, 0, steps - 1)]
 
     def _recorded(
-        self, key: Key[Array, ""], starts: Float[Array, " crowd"], hours: int
-    ) -> Float[Array, "crowd hour sensor"]:
+        self, key: Key[Array, ""], starts: Float[Array, " future"], hours: int
+    ) -> Float[Array, "future hour sensor"]:
         """Residuals as they were counted."""
         if self.record is None:
             raise ValueError("nothing was recorded")
@@ -313,16 +315,16 @@ class SensorFlow(eqx.Module):
     def _density(self, level: Float[Array, "*lead sensor"]) -> Float[Array, "*lead sensor"]:
         return jnp.maximum(jnp.expm1(level), 0.0) * self.per_count
 
-    def _field(self, level: Float[Array, "crowd slot sensor"]) -> SensedField:
-        return SensedField(self._density(level), self.spread, self.slot_seconds)
+    def _field(self, level: Float[Array, "future slot sensor"]) -> SensedField:
+        return SensedField(self._density(level), self.weights, self.slot_seconds)
 
 
 def _given(
-    surprise: Float[Array, " sensor"],
+    log_density_ratio: Float[Array, " sensor"],
     variance_then: Float[Array, " sensor"],
     covariance: Float[Array, "slot sensor"],
     variance: Float[Array, "slot sensor"],
 ) -> Float[Array, "slot sensor"]:
     """What a normal number that is known adds to the logarithm of the mean of later lognormal ones."""
     share = covariance / jnp.maximum(variance_then, 1e-12)
-    return share * surprise + (variance - share * covariance) / 2
+    return share * log_density_ratio + (variance - share * covariance) / 2

@@ -50,34 +50,34 @@ class TableFlow(eqx.Module):
         )
         return FlowField(volume * jnp.exp(self.deviation**2 / 2), self.slot_seconds)
 
-    def draw(self, key: Key[Array, ""], crowds: int, slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> FlowField:
         """Possible futures; without noise they differ only by when they begin."""
         number = jnp.arange(slots)
-        shape = (crowds, slots, self.usual.shape[1])
+        shape = (futures, slots, self.usual.shape[1])
         if self.start is None:
             volume = jnp.broadcast_to(self._usual(None, number), shape)
         else:
-            starts = self.start[jnp.arange(crowds) % self.start.shape[0]]
+            starts = self.start[jnp.arange(futures) % self.start.shape[0]]
             volume = jax.vmap(self._usual, (0, None))(starts, number)
         if self.deviation:
             volume = volume * jnp.exp(lasting_noise(key, shape, self.memory, self.deviation))
         return FlowField(volume, self.slot_seconds)
 
     def ahead(
-        self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int, crowd: Int[Array, ""] | int = 0
+        self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int, future: Int[Array, ""] | int = 0
     ) -> Float[Array, "slots segment"]:
         """Mean volumes of this and the next slots, given those of this one.
 
         Where nobody is usual now, the counts tell nothing about the noise; whoever is there all the same stays for
         this slot.
         """
-        start = None if self.start is None else self.start[crowd % self.start.shape[0]]
+        start = None if self.start is None else self.start[future % self.start.shape[0]]
         usual = self._usual(start, slot + jnp.arange(slots))
         known = usual[0] > FEWEST
-        surprise = jnp.log(jnp.maximum(now, FEWEST)) - jnp.log(jnp.maximum(usual[0], FEWEST))
+        log_density_ratio = jnp.log(jnp.maximum(now, FEWEST)) - jnp.log(jnp.maximum(usual[0], FEWEST))
         fading = jnp.where(known, self.memory ** jnp.arange(slots, dtype=float)[:, None], 0.0)
         spread = self.deviation**2 * (1 - fading**2) / 2
-        return (usual * jnp.exp(fading * surprise + spread)).at[0].set(now)
+        return (usual * jnp.exp(fading * log_density_ratio + spread)).at[0].set(now)
 
     def _usual(self, start: Float[Array, ""] | None, slot: Int[Array, " slots"]) -> Float[Array, "slots segment"]:
         since = (slot + 0.5) * self.slot_seconds

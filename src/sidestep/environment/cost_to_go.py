@@ -15,7 +15,7 @@ UNREACHABLE = 1e9  # s; finite, so that it can be interpolated
 SETTLED = 0.01  # s
 
 
-def unchanging_to_go(
+def static_cost_to_go(
     network: RoadNetwork, cost: Float[Array, " segment"], goal: Bool[Array, " node"]
 ) -> Float[Array, " node"]:
     """Cost from every node to the nearest goal if those of crossing segments stay what they are (Bellman and Ford)."""

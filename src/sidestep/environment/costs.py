@@ -12,31 +12,31 @@ from sidestep.walking.objective import Objective
 from sidestep.walking.speed_field import SpeedField
 
 
-def unlit(params: EnvParams) -> EnvParams:
+def with_mean_waits(params: EnvParams) -> EnvParams:
     """The same with lights at their mean wait, as somebody reckons with them who does not know their phases."""
     return params if params.waits is None else replace(params, waits=replace(params.waits, phases=False))
 
 
-def cross(params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
+def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
     """Walk a segment to which somebody comes at ``clock``, in one of the crowds."""
-    speed, covered = params.crowds.through(crowd, segment)
-    density = None if params.objective is None else params.crowds.densities(crowd, segment)
-    wait = waiting(params, crowd, segment, clock)
+    speed, covered = params.futures.through(future, segment)
+    density = None if params.objective is None else params.futures.densities(future, segment)
+    wait = waiting(params, future, segment, clock)
     return _crossing(
-        params, clock, wait, speed, covered, density, params.network.length[segment], params.crowds.slot_seconds
+        params, clock, wait, speed, covered, density, params.network.length[segment], params.futures.slot_seconds
     )
 
 
 def cross_in(
     params: EnvParams,
     field: SpeedField,
-    crowd: Int[Array, ""],
+    future: Int[Array, ""],
     segment: Int[Array, ""],
     clock: Float[Array, ""],
 ) -> Crossing:
     """The same in a field without alternatives."""
     density = None if params.objective is None else field.known_density[segment]
-    wait = waiting(params, crowd, segment, clock)
+    wait = waiting(params, future, segment, clock)
     length = params.network.length[segment]
     return _crossing(
         params, clock, wait, field.speed[segment], field.covered[segment], density, length, field.slot_seconds
@@ -46,7 +46,7 @@ def cross_in(
 def crossings(
     params: EnvParams,
     field: SpeedField,
-    crowd: Int[Array, ""],
+    future: Int[Array, ""],
     *,
     begins: Float[Array, ""] | float = 0.0,
     every: int = 1,
@@ -55,7 +55,7 @@ def crossings(
 
     Parameters
     ----------
-    crowd
+    future
         Whose hour of the week decides how much traffic there is.
     begins
         Clock at which the field begins.
@@ -69,7 +69,7 @@ def crossings(
 
     def at(clock: Float[Array, ""]) -> Crossing:
         come = jnp.full(segments.shape, clock)
-        wait = waiting(params, crowd, segments, begins + come)
+        wait = waiting(params, future, segments, begins + come)
         entered = come if wait is None else come + wait
         walked = crossing_times_at(speed, covered, field.slot_seconds, length, entered, params.rule)
         return _met(params, density, field.slot_seconds, length, come, walked if wait is None else wait + walked)
@@ -78,10 +78,10 @@ def crossings(
 
 
 def waiting(
-    params: EnvParams, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
+    params: EnvParams, future: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
 ) -> Float[Array, "*n"] | None:
     """Wait in s before segments, if there is anything to wait for."""
-    return None if params.waits is None else params.waits.seconds(crowd, segment, clock)
+    return None if params.waits is None else params.waits.seconds(future, segment, clock)
 
 
 def standing(

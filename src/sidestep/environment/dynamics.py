@@ -7,13 +7,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.costs import cross
 from sidestep.environment.observation import observe
-from sidestep.environment.types import TRAIL, EnvParams, EnvState, Instance, Observation, Outcome
+from sidestep.environment.types import RECENT_NODES, EnvParams, EnvState, Instance, Observation, Outcome
 from sidestep.network.graph import ABSENT
 
 
 def reset(params: EnvParams, instance: Instance) -> tuple[EnvState, Observation]:
     """Put a walker at its origin at its departure."""
-    state = EnvState(instance.origin, instance.departure, instance, jnp.full(TRAIL, ABSENT, jnp.int32), jnp.int32(0))
+    state = EnvState(
+        instance.origin, instance.departure, instance, jnp.full(RECENT_NODES, ABSENT, jnp.int32), jnp.int32(0)
+    )
     return state, observe(params, state)
 
 
@@ -27,15 +29,16 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
     network = params.network
     way = existing_exit(network.exit_node[state.node], action)
     segment, node = network.exit_segment[state.node, way], network.exit_node[state.node, way]
-    crossed = cross(params, state.instance.crowd, segment, state.clock)
-    trail = jnp.concatenate([state.node[None], state.trail[:-1]])
-    after = EnvState(node, state.clock + crossed.seconds, state.instance, trail, state.steps + 1)
+    crossed = cross(params, state.instance.future, segment, state.clock)
+    recent_nodes = jnp.concatenate([state.node[None], state.recent_nodes[:-1]])
+    after = EnvState(node, state.clock + crossed.seconds, state.instance, recent_nodes, state.steps + 1)
     if params.objective is None:  # time is what the clock says, rounding included
         crossed = replace(crossed, cost=after.clock - state.clock)
     arrived = node == state.instance.destination
     outcome = Outcome(
         observation=observe(params, after),
         reward=reward(params, state, after, crossed.cost),
+        segment=segment,
         crossed=crossed,
         terminated=arrived,
         truncated=~arrived & (after.clock - state.instance.departure >= params.horizon),

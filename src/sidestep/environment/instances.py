@@ -18,7 +18,7 @@ class InstanceSampler(eqx.Module):
     origins: Int[Array, "goal origin"]  # nodes
     destinations: Int[Array, "goal origin"]  # nodes: where a walk for this goal from each origin ends
     departures: Float[Array, "2"]  # s, earliest and latest clock
-    crowds: Int[Array, ""]  # number of crowds to draw from; a goal without a crowd is not walked to
+    futures: Int[Array, ""]  # number of crowds to draw from; a goal without a crowd is not walked to
 
     def sample(self, uniform: Float[Array, "4"]) -> Instance:
         """Turn four uniform numbers in [0, 1) into an instance.
@@ -26,14 +26,14 @@ class InstanceSampler(eqx.Module):
         Numbers, not a key, because drawing them for a whole chunk of training at once is many times cheaper.
         """
         goals, origins = self.origins.shape
-        goal = _pick(jnp.minimum(goals, self.crowds), uniform[1])
+        goal = _pick(jnp.minimum(goals, self.futures), uniform[1])
         origin = _pick(origins, uniform[0])
         earliest, latest = self.departures
         return Instance(
             origin=self.origins[goal, origin],
             destination=self.destinations[goal, origin],
             departure=earliest + (latest - earliest) * uniform[2],
-            crowd=goal + goals * _pick((self.crowds - goal + goals - 1) // goals, uniform[3]),
+            future=goal + goals * _pick((self.futures - goal + goals - 1) // goals, uniform[3]),
         )
 
 

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.cost_to_go import at_clock, cost_to_go, unchanging_to_go
-from sidestep.environment.costs import crossings, standing, unlit, waiting
-from sidestep.environment.types import HEAVIER, EnvParams, Instance, LiveToGo, UsualToGo
+from sidestep.environment.cost_to_go import at_clock, cost_to_go, static_cost_to_go
+from sidestep.environment.costs import crossings, standing, waiting, with_mean_waits
+from sidestep.environment.types import DENSITY_SCALE, EnvParams, ExpectedCostToGo, Instance, LiveCostToGo
 from sidestep.network.graph import ABSENT
 from sidestep.walking.speed_field import SensedSpeeds, SpeedField, Speeds
 
@@ -38,14 +38,14 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         unknown = np.asarray(instances.destination).reshape(-1)[np.argmin(goal)]
         raise ValueError(f"no ways to node {unknown} are known; make_environment takes the destinations as goals")
     of_goals = params.level == "live" or params.expected.count > 1
-    if of_goals and (goal != np.asarray(instances.crowd) % params.usual.table.shape[0]).any():
+    if of_goals and (goal != np.asarray(instances.future) % params.usual.table.shape[0]).any():
         raise ValueError("at level live, and where hours differ, crowd number c is for goal number c modulo goals")
 
 
-def field_to_go(
+def field_cost_to_go(
     params: EnvParams,
     field: SpeedField,
-    crowd: Int[Array, ""],
+    future: Int[Array, ""],
     goal: Bool[Array, " node"],
     *,
     every: int = 1,
@@ -56,82 +56,86 @@ def field_to_go(
     ----------
     field
         Speeds without alternatives.
-    crowd
+    future
         Whose hour of the week decides how much traffic there is.
     goal
         Which nodes are destinations.
     every
         Steps in each slot, at whose beginnings costs are worked out.
     """
-    crossed = crossings(params, field, crowd, every=every)
+    crossed = crossings(params, field, future, every=every)
     density = None if params.objective is None else field.known_density[:, -1]
-    last = unchanging_from(params, field.speed[:, -1], density, crowd, (field.slots - 1) * field.slot_seconds, goal)
+    last = static_cost_to_go_from(
+        params, field.speed[:, -1], density, future, (field.slots - 1) * field.slot_seconds, goal
+    )
     return cost_to_go(params.network, crossed.seconds, crossed.cost, field.slot_seconds / every, goal, last)
 
 
-def unchanging_from(
+def static_cost_to_go_from(
     params: EnvParams,
     speed: Float[Array, " segment"],
     density: Float[Array, " segment"] | None,
-    crowd: Int[Array, ""],
+    future: Int[Array, ""],
     clock: Float[Array, ""] | float,
     goal: Bool[Array, " node"],
 ) -> Float[Array, " node"]:
     """Cost from every node to the nearest goal if crowds stayed for ever as they are at a clock."""
     network = params.network
-    wait = waiting(params, crowd, jnp.arange(network.segments), jnp.full(network.segments, clock))
-    return unchanging_to_go(network, standing(params, network.length, speed, density, wait).cost, goal)
+    wait = waiting(params, future, jnp.arange(network.segments), jnp.full(network.segments, clock))
+    return static_cost_to_go(network, standing(params, network.length, speed, density, wait).cost, goal)
 
 
-def usual_to_go(params: EnvParams, goals: Bool[Array, "goal node"]) -> UsualToGo:
+def expected_cost_to_go(params: EnvParams, goals: Bool[Array, "goal node"]) -> ExpectedCostToGo:
     """Expected costs of getting to some destinations; no node may belong to two goals."""
-    params = unlit(params)
+    params = with_mean_waits(params)
 
     def tables(expected: Speeds) -> Float[Array, "goal slot node"]:
         def one(number: Int[Array, ""]) -> Float[Array, "slot node"]:
-            return field_to_go(params, expected.of(number % expected.count), number, goals[number])
+            return field_cost_to_go(params, expected.of(number % expected.count), number, goals[number])
 
         return jax.lax.map(one, jnp.arange(len(goals)))
 
-    expected, heavier = params.expected, None
+    expected, cost_to_go_scaled = params.expected, None
     if isinstance(expected, SensedSpeeds):
-        heavier = tables(replace(expected, density=HEAVIER * expected.density))
-    return UsualToGo(
-        tables(expected), jnp.where(goals.any(axis=0), jnp.argmax(goals, axis=0), ABSENT).astype(jnp.int32), heavier
+        cost_to_go_scaled = tables(replace(expected, density=DENSITY_SCALE * expected.density))
+    return ExpectedCostToGo(
+        tables(expected),
+        jnp.where(goals.any(axis=0), jnp.argmax(goals, axis=0), ABSENT).astype(jnp.int32),
+        cost_to_go_scaled,
     )
 
 
-def live_to_go(params: EnvParams, counted: Float[Array, "crowd slot counter"], ahead: Ahead) -> LiveToGo:
+def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counter"], ahead: Ahead) -> LiveCostToGo:
     """Costs from all counts of every slot of every crowd, for crowd number c to goal number c modulo goals.
 
     ``counted`` is what is known of each slot as it begins: the people on each segment, or at each sensor. ``ahead``
     turns it into the speeds that are forecast from it; what comes after its window is as usual.
     """
-    params = unlit(params)
-    crowds, usual = params.crowds, params.usual
+    params = with_mean_waits(params)
+    futures, usual = params.futures, params.usual
     if usual is None:
         raise ValueError("level live needs EnvParams.usual")
-    count, slots = crowds.count, crowds.slots
+    count, slots = futures.count, futures.slots
     goals = usual.goal == jnp.arange(usual.table.shape[0])[:, None]
     which = jnp.arange(count) % goals.shape[0]
     every = jnp.arange(params.network.segments)
 
     def one(number: Int[Array, ""]) -> tuple[Array, Array]:
-        crowd, slot = number // slots, number % slots
-        goal, after = goals[which[crowd]], usual.table[which[crowd]]
-        forecast = _forecast(params, ahead(counted[crowd, slot], slot, crowd), crowd, slot, goal, after)
-        density = None if params.objective is None else crowds.density_at(crowd, every, slot)
-        clock = slot * crowds.slot_seconds
-        return forecast, unchanging_from(params, crowds.at(crowd, every, slot), density, crowd, clock, goal)
+        future, slot = number // slots, number % slots
+        goal, after = goals[which[future]], usual.table[which[future]]
+        forecast = _forecast(params, ahead(counted[future, slot], slot, future), future, slot, goal, after)
+        density = None if params.objective is None else futures.density_at(future, every, slot)
+        clock = slot * futures.slot_seconds
+        return forecast, static_cost_to_go_from(params, futures.at(future, every, slot), density, future, clock, goal)
 
     forecast, snapshot = jax.lax.map(one, jnp.arange(count * slots))
-    return LiveToGo(forecast.reshape(count, slots, 2, -1), snapshot.reshape(count, slots, -1))
+    return LiveCostToGo(forecast.reshape(count, slots, 2, -1), snapshot.reshape(count, slots, -1))
 
 
 def _forecast(
     params: EnvParams,
     field: SpeedField,
-    crowd: Int[Array, ""],
+    future: Int[Array, ""],
     slot: Int[Array, ""],
     goal: Bool[Array, " node"],
     usual: Float[Array, "slot node"],
@@ -141,7 +145,7 @@ def _forecast(
     What it costs to enter a segment that is too dense is left out: that is seen there, and no matter of interpolation.
     """
     network, slot_seconds = params.network, field.slot_seconds
-    crossed = crossings(params, field, crowd, begins=slot * slot_seconds)
+    crossed = crossings(params, field, future, begins=slot * slot_seconds)
     later = usual[jnp.minimum(slot + field.slots, usual.shape[0] - 1)]
     table = cost_to_go(network, crossed.seconds, crossed.cost, slot_seconds, goal, later)
     table = jnp.concatenate([table, later[None]])

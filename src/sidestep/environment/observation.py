@@ -7,7 +7,17 @@ from jaxtyping import Array, Float, Int
 
 from sidestep.environment.cost_to_go import at_clock
 from sidestep.environment.costs import standing, waiting
-from sidestep.environment.types import TRAIL, Crossing, EnvParams, EnvState, Live, Local, Observation, Seen, Usual
+from sidestep.environment.types import (
+    RECENT_NODES,
+    Crossing,
+    EnvParams,
+    EnvState,
+    Information,
+    Live,
+    Local,
+    Observation,
+    Usual,
+)
 from sidestep.walking.speed_field import SensedSpeeds, Speeds
 from sidestep.walking.speed_laws import FREE_SPEED
 
@@ -36,8 +46,8 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
     onto, segment = network.exit_node[state.node], network.exit_segment[state.node]
     length = network.length[segment]
     goal = network.position[state.instance.destination]
-    remembered = state.trail == onto[:, None]
-    now = _seen_now(params, state, params.crowds, state.instance.crowd)
+    remembered = state.recent_nodes == onto[:, None]
+    now = _seen_now(params, state, params.futures, state.instance.future)
     local = Local(
         clock=state.clock,
         ahead=goal - network.position[state.node],
@@ -46,8 +56,8 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
         length=length,
         crossing=now.seconds,
         cost=now.cost,
-        again=(state.trail == state.node).any(),
-        left=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + TRAIL),
+        again=(state.recent_nodes == state.node).any(),
+        left=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + RECENT_NODES),
     )
     metres = jnp.linalg.norm(local.onward, axis=1)
     # Nobody is met on streets that are not seen.
@@ -69,26 +79,29 @@ def observe_map(params: EnvParams, state: EnvState) -> Observation:
         raise ValueError("level map needs EnvParams.usual")
     goal = known.goal[state.instance.destination]
     segment, slot = params.network.exit_segment[state.node], _slot(params, state)
-    which = state.instance.crowd % params.expected.count
+    which = state.instance.future % params.expected.count
     usually_now = _seen_now(params, state, params.expected, which)
 
     def to_go(table: Float[Array, "goal slot node"], enough: Float[Array, " exit"]) -> Float[Array, " exit"]:
-        return at_clock(table, params.crowds.slot_seconds, state.clock + enough, local.onto, goal)
+        return at_clock(table, params.futures.slot_seconds, state.clock + enough, local.onto, goal)
 
-    crowds, expected = params.crowds, params.expected
-    if not (isinstance(crowds, SensedSpeeds) and isinstance(expected, SensedSpeeds)) or known.heavier is None:
+    futures, expected = params.futures, params.expected
+    if (
+        not (isinstance(futures, SensedSpeeds) and isinstance(expected, SensedSpeeds))
+        or known.cost_to_go_scaled is None
+    ):
         usual = Usual(usually_now.cost, to_go(known.table, local.crossing))
         return replace(seen, usual=usual, estimate=local.cost + usual.to_go + _turning_back(params, local))
     # What is seen here is seen on the streets beyond as well. Taken for this street's alone, it would send walkers
     # round the next corner, from where the way back is the fastest: then they would go to and fro.
-    density = crowds.density_at(state.instance.crowd, segment, slot)
+    density = futures.density_at(state.instance.future, segment, slot)
     usually = expected.density_at(which, segment, slot)
     crossing = usually_now.seconds
     usual = Usual(
         usually_now.cost,
         to_go(known.table, crossing),
-        surprise=jnp.log((density + EMPTY) / (usually + EMPTY)),
-        heavier=to_go(known.heavier, crossing) - to_go(known.table, crossing),
+        log_density_ratio=jnp.log((density + EMPTY) / (usually + EMPTY)),
+        cost_to_go_scaled=to_go(known.cost_to_go_scaled, crossing) - to_go(known.table, crossing),
     )
     estimate = usually_now.cost + usual.to_go
     if params.objective is not None:  # but whether it is too dense to enter is seen
@@ -106,33 +119,33 @@ def observe_live(params: EnvParams, state: EnvState) -> Observation:
     local, known = seen.local, params.live
     if local is None or known is None:
         raise ValueError("level live needs EnvParams.live")
-    slot, crowd = _slot(params, state), state.instance.crowd
-    part = jnp.clip(state.clock / params.crowds.slot_seconds - slot, 0.0, 1.0)
+    slot, future = _slot(params, state), state.instance.future
+    part = jnp.clip(state.clock / params.futures.slot_seconds - slot, 0.0, 1.0)
     segment = params.network.exit_segment[state.node]
-    begin, end = known.forecast[crowd, slot, 0, segment], known.forecast[crowd, slot, 1, segment]
+    begin, end = known.forecast[future, slot, 0, segment], known.forecast[future, slot, 1, segment]
     forecast = (1 - part) * begin + part * end
     density, objective = None, params.objective
     if objective is not None:  # whether it is too dense to enter is seen as well
-        density = params.crowds.density_at(crowd, segment, slot)
+        density = params.futures.density_at(future, segment, slot)
         forecast += objective.penalty * objective.too_dense(density)
     if params.waits is not None:
         # The forecast is worked out for lights at their mean wait; from here they are seen.
         clock = jnp.full(segment.shape, state.clock)
-        more = params.waits.seconds(crowd, segment, clock) - params.waits.mean(crowd, segment, clock)
+        more = params.waits.seconds(future, segment, clock) - params.waits.mean(future, segment, clock)
         if objective is not None and density is not None:
             more *= objective.time + objective.exposure * density
         forecast += more
-    live = Live(snapshot=local.cost + known.snapshot[crowd, slot, local.onto], forecast=forecast)
+    live = Live(snapshot=local.cost + known.snapshot[future, slot, local.onto], forecast=forecast)
     return replace(seen, live=live, estimate=live.forecast)
 
 
-def _seen_now(params: EnvParams, state: EnvState, crowds: Speeds, crowd: Int[Array, ""]) -> Crossing:
+def _seen_now(params: EnvParams, state: EnvState, futures: Speeds, future: Int[Array, ""]) -> Crossing:
     """What the streets that leave from here take and cost if their crowds stay as they are, with the lights as seen."""
     segment, slot = params.network.exit_segment[state.node], _slot(params, state)
-    density = None if params.objective is None else crowds.density_at(crowd, segment, slot)
+    density = None if params.objective is None else futures.density_at(future, segment, slot)
     clock = jnp.full(segment.shape, state.clock)
-    wait = waiting(params, state.instance.crowd, segment, clock)
-    return standing(params, params.network.length[segment], crowds.at(crowd, segment, slot), density, wait)
+    wait = waiting(params, state.instance.future, segment, clock)
+    return standing(params, params.network.length[segment], futures.at(future, segment, slot), density, wait)
 
 
 def _turning_back(params: EnvParams, local: Local) -> Float[Array, " exit"] | float:
@@ -142,17 +155,17 @@ def _turning_back(params: EnvParams, local: Local) -> Float[Array, " exit"] | fl
     """
     if params.objective is None or params.objective.max_density is None:
         return 0.0
-    return params.objective.penalty * (local.left <= TRAIL)
+    return params.objective.penalty * (local.left <= RECENT_NODES)
 
 
 _OBSERVE = {"position": observe_position, "local": observe_local, "map": observe_map, "live": observe_live}
 
 
-def at_level(params: EnvParams, level: Seen) -> EnvParams:
+def at_level(params: EnvParams, level: Information) -> EnvParams:
     """The same environment for walkers of another level."""
     return replace(params, level=level)
 
 
 def _slot(params: EnvParams, state: EnvState) -> Int[Array, ""]:
-    slot = jnp.floor(state.clock / params.crowds.slot_seconds).astype(jnp.int32)
-    return jnp.clip(slot, 0, params.crowds.slots - 1)
+    slot = jnp.floor(state.clock / params.futures.slot_seconds).astype(jnp.int32)
+    return jnp.clip(slot, 0, params.futures.slots - 1)

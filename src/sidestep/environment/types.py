@@ -15,8 +15,8 @@ from sidestep.walking.speed_laws import SpeedLaw
 from sidestep.walking.waits import Waits
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
-Seen = Literal["position", "local", "map", "live"]  # levels at which a walker can stand at a crossing
-LEVELS: tuple[Seen, ...] = get_args(Seen)
+Information = Literal["position", "local", "map", "live"]  # levels at which a walker can stand at a crossing
+LEVELS: tuple[Information, ...] = get_args(Information)
 
 
 class RewardWeights(eqx.Module):
@@ -27,42 +27,44 @@ class RewardWeights(eqx.Module):
     bonus: float = eqx.field(static=True, default=1.0)
 
 
-HEAVIER = 1.5
-TRAIL = 8  # crossings that a walker remembers having left
+DENSITY_SCALE = 1.5
+RECENT_NODES = 8  # crossings that a walker remembers having left
 
 
-class UsualToGo(eqx.Module):
+class ExpectedCostToGo(eqx.Module):
     """What somebody knows who knows the map and its usual crowds: expected costs of getting to some destinations."""
 
     table: Float[Array, "goal slot node"]  # to the destination, as each slot begins
     goal: Int[Array, " node"]  # which of the tables leads to a node; -1 where none does
-    heavier: Float[Array, "goal slot node"] | None = None  # the same if all crowds were HEAVIER times as dense
+    cost_to_go_scaled: Float[Array, "goal slot node"] | None = (
+        None  # the same if all crowds were HEAVIER times as dense
+    )
 
 
-class LiveToGo(eqx.Module):
+class LiveCostToGo(eqx.Module):
     """What can be worked out from all counts of a slot; each crowd's is for one destination.
 
     ``forecast`` is known for the beginning and the end of the slot: in between, costs are linear.
     """
 
     forecast: Float[
-        Array, "crowd slot 2 segment"
+        Array, "future slot 2 segment"
     ]  # cost to the destination over each segment, if crowds go on as forecast
-    snapshot: Float[Array, "crowd slot node"]  # cost to the destination, if crowds stay as they are
+    snapshot: Float[Array, "future slot node"]  # cost to the destination, if crowds stay as they are
 
 
 class EnvParams(eqx.Module):
     """Everything that stays while walkers walk: streets, crowds, rules, and what walkers know of them."""
 
     network: RoadNetwork
-    crowds: Speeds  # the futures that an episode may meet
+    futures: Speeds  # the futures that an episode may meet
     expected: Speeds  # what somebody expects who knows the usual crowds: number c modulo their count instead of crowd c
     horizon: Float[Array, ""]  # s after departure at which a walk is cut off
     reward: RewardWeights = RewardWeights()
     rule: CrossingRule = eqx.field(static=True, default="integrated")
-    level: Seen = eqx.field(static=True, default="position")  # what walkers see
-    usual: UsualToGo | None = None  # levels map and live need it
-    live: LiveToGo | None = None  # level live needs it
+    level: Information = eqx.field(static=True, default="position")  # what walkers see
+    usual: ExpectedCostToGo | None = None  # levels map and live need it
+    live: LiveCostToGo | None = None  # level live needs it
     objective: Objective | None = None  # None: time alone
     waits: Waits | None = None  # at lights and for gaps; None: nowhere
 
@@ -73,7 +75,7 @@ class Instance(eqx.Module):
     origin: Int[Array, "*walk"]  # node
     destination: Int[Array, "*walk"]  # node
     departure: Float[Array, "*walk"]  # s, clock
-    crowd: Int[Array, "*walk"]  # which of EnvParams.crowds it meets
+    future: Int[Array, "*walk"]  # which of EnvParams.crowds it meets
 
 
 class EnvState(eqx.Module):
@@ -82,7 +84,7 @@ class EnvState(eqx.Module):
     node: Int[Array, ""]
     clock: Float[Array, ""]  # s since the scenario's start
     instance: Instance
-    trail: Int[Array, " trail"]  # nodes that were left before, the latest first; -1 before the origin
+    recent_nodes: Int[Array, " recent_nodes"]  # nodes that were left before, the latest first; -1 before the origin
     steps: Int[Array, ""]  # crossings left so far
 
 
@@ -106,8 +108,10 @@ class Usual(eqx.Module):
     cost: Float[Array, " exit"]  # of crossing each exit with the crowd that is usual now
     to_go: Float[Array, " exit"]  # cost from each next node to the destination, usually, from when it is reached
     # where crowds are known from sensors:
-    surprise: Float[Array, " exit"] | None = None  # logarithm of the density that is seen over the usual one
-    heavier: Float[Array, " exit"] | None = None  # how much more that costs if all crowds were HEAVIER times as dense
+    log_density_ratio: Float[Array, " exit"] | None = None  # logarithm of the density that is seen over the usual one
+    cost_to_go_scaled: Float[Array, " exit"] | None = (
+        None  # how much more that costs if all crowds were HEAVIER times as dense
+    )
 
 
 class Live(eqx.Module):
@@ -154,6 +158,7 @@ class Outcome(eqx.Module):
 
     observation: Observation
     reward: Float[Array, ""]
+    segment: Int[Array, ""]  # that was walked
     crossed: Crossing
     terminated: Bool[Array, ""]  # arrived
     truncated: Bool[Array, ""]  # not arrived when the horizon was over
@@ -162,7 +167,7 @@ class Outcome(eqx.Module):
 def walking_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
     """Speeds on every segment from the people on it; ``densities`` are kept only where they are asked for."""
     if isinstance(flow, SensedField):
-        return SensedSpeeds(flow.sensed, flow.spread, law, flow.slot_seconds)
+        return SensedSpeeds(flow.sensed, flow.weights, law, flow.slot_seconds)
     return dense_speeds(network, flow, law, densities=densities)
 
 
@@ -176,6 +181,6 @@ def dense_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities:
 def field_of(network: RoadNetwork, speeds: Speeds) -> Field:
     """The people from whom :func:`walking_speeds` made these speeds, if it kept their densities."""
     if isinstance(speeds, SensedSpeeds):
-        return SensedField(speeds.density, speeds.spread, speeds.slot_seconds)
+        return SensedField(speeds.density, speeds.weights, speeds.slot_seconds)
     volume = jnp.swapaxes(speeds.known_density, -1, -2) * network.length * network.width
     return FlowField(volume, speeds.slot_seconds)

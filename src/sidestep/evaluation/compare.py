@@ -14,10 +14,10 @@ from jaxtyping import Float
 
 from sidestep.environment.observation import at_level
 from sidestep.environment.types import LEVELS, EnvParams, Instance
-from sidestep.evaluation.metrics import Record, Row, Tally, joined, summarise, tally_of
+from sidestep.evaluation.metrics import Record, Row, Totals, joined, summarise, totals_of
 from sidestep.evaluation.timing import decision_seconds
 from sidestep.planners.base import Planner, walk_plan
-from sidestep.planners.registry import RIVAL, PlannerError, PlannerFactory
+from sidestep.planners.registry import BASELINE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
@@ -36,7 +36,7 @@ class Walked:
     minutes: Float[np.ndarray, " walk"]
     arrived: np.ndarray
     decision_us: float
-    tally: Tally | None = None
+    totals: Totals | None = None
 
 
 class Results(TypedDict):
@@ -49,7 +49,7 @@ class Results(TypedDict):
     walks: int
     seed: int
     objective: dict[str, float | None] | None  # weights of what walkers keep low; None: time
-    rival: str  # whom `difference_minutes` is taken to
+    baseline: str  # whom `difference_minutes` is taken to
     by_minutes: float | None
     planners: dict[str, Row]
 
@@ -64,24 +64,24 @@ class Comparison:
     seed: int
     records: dict[str, Record]
 
-    def as_json(self, by: float | None = None, rival: str = RIVAL) -> Results:
+    def as_json(self, by: float | None = None, baseline: str = BASELINE) -> Results:
         """The shape of ``compare --json`` and ``results.json``.
 
-        ``by`` are minutes to arrive within, ``rival`` is the planner that the others' minutes are set against.
+        ``by`` are minutes to arrive within, ``baseline`` is the planner that the others' minutes are set against.
         """
-        if rival not in self.records or self.records[rival].maps < self.maps:
-            raise PlannerError(f"nothing can be set against {rival!r}: it has not walked all maps")
+        if baseline not in self.records or self.records[baseline].maps < self.maps:
+            raise PlannerError(f"nothing can be set against {baseline!r}: it has not walked all maps")
         return {
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,
-            "flows": self.scenario.crowds,
+            "flows": self.scenario.crowd_model,
             "maps": self.maps,
             "walks": self.walks,
             "seed": self.seed,
             "objective": None if self.scenario.objective is None else asdict(self.scenario.objective),
-            "rival": rival,
+            "baseline": baseline,
             "by_minutes": by,
-            "planners": summarise(self.records, self.seed, by, rival),
+            "planners": summarise(self.records, self.seed, by, baseline),
         }
 
 
@@ -99,8 +99,8 @@ def compare(
     """Compare planners on the maps of these numbers, with ``walks`` walks on each.
 
     Walks go from corner to corner, or from anywhere to so many ``destinations`` in turn (those of
-    :func:`sidestep.scenarios.episodes.goals_of`). Maps are independent and run on ``workers`` threads, which share
-    one compiled program. Results do not depend on their number. ``on_map`` is called as each map is done.
+    :func:`sidestep.scenarios.episodes.destinations_of`). Maps are independent and run on ``workers`` threads, which
+    share one compiled program. Results do not depend on their number. ``on_map`` is called as each map is done.
     """
     if not maps or walks < 1 or workers < 1:
         raise PlannerError(f"nothing to compare: {len(maps)} maps, {walks} walks, {workers} workers")
@@ -125,7 +125,7 @@ def compare(
             minutes=np.stack([walked.minutes for walked in found]),
             arrived=np.stack([walked.arrived for walked in found]),
             decision_us=float(np.median([walked.decision_us for walked in found])),
-            tally=joined([walked.tally for walked in found if walked.tally is not None], np.stack),
+            totals=joined([walked.totals for walked in found if walked.totals is not None], np.stack),
         )
         for name, found in collected.items()
         if found
@@ -149,21 +149,23 @@ def walk_map(
     index: int,
 ) -> dict[str, Walked]:
     """All planners on map number ``index``."""
-    place = draw_map(scenario, seed, index)
-    chosen = {name: planner for name, factory in planners.items() if (planner := factory(place, index)) is not None}
-    level = max((planner.sees for planner in chosen.values()), key=LEVELS.index)
+    scenario_map = draw_map(scenario, seed, index)
+    chosen = {
+        name: planner for name, factory in planners.items() if (planner := factory(scenario_map, index)) is not None
+    }
+    level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Walked]] = {name: [] for name in chosen}
     pairs = scenario.venue is not None and destinations is None
-    parts = math.ceil(walks / (min(TOWN_CHUNK, place.network.nodes - 1) if pairs else CHUNK))
+    parts = math.ceil(walks / (min(TOWN_CHUNK, scenario_map.network.nodes - 1) if pairs else CHUNK))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
-        goals = None if destinations is None else episodes.goals_of(place, destinations)
+        nodes = None if destinations is None else episodes.destinations_of(scenario_map, destinations)
         if pairs:
-            goals = episodes.anywhere_to_anywhere(place, size, part)
-        here = place if goals is None else episodes.set_out(scenario, place, goals, part * size)
-        params = make_environment(scenario, here, "test", size, level=level, goals=goals, part=part)
-        todo = instances(scenario, here, params, size, first=part * size, goals=goals)
-        key = purpose_key(place, "test")
+            nodes = episodes.anywhere_to_anywhere(scenario_map, size, part)
+        here = scenario_map if nodes is None else episodes.set_out(scenario, scenario_map, nodes, part * size)
+        params = make_environment(scenario, here, "test", size, level=level, destinations=nodes, part=part)
+        todo = instances(scenario, here, params, size, first=part * size, destinations=nodes)
+        key = purpose_key(scenario_map, "test")
         for name, planner in chosen.items():
             collected[name].append(_walked(planner, params, todo, jax.random.fold_in(key, part) if part else key))
     return {
@@ -173,7 +175,7 @@ def walk_map(
             np.concatenate([part.arrived for part in collected[name]])[:walks],
             float(np.median([part.decision_us for part in collected[name]])),
             joined(
-                [part.tally for part in collected[name] if part.tally is not None],
+                [part.totals for part in collected[name] if part.totals is not None],
                 lambda arrays: np.concatenate(arrays)[:walks],
             ),
         )
@@ -189,11 +191,11 @@ def _walked(planner: Planner, params: EnvParams, todo: Instance, key: jax.Array)
     planning = perf_counter() - began
     walked = walk_plan(planner, params, plan, todo, key)
     decisions = max(int(np.sum(walked.steps)), 1)
-    each = decision_seconds(planner, at_level(params, planner.sees), plan, todo, key)
+    each = decision_seconds(planner, at_level(params, planner.observes), plan, todo, key)
     return Walked(
         planner,
         np.asarray(walked.seconds, np.float64) / 60,
         np.asarray(walked.arrived),
         1e6 * (planning / decisions + each),
-        tally_of(walked),
+        totals_of(walked),
     )

@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float
 
 from sidestep.environment.rollout import Walk
 from sidestep.environment.types import Level
-from sidestep.planners.registry import BOUND, REFERENCE, RIVAL
+from sidestep.planners.registry import BASELINE, BOUND, REFERENCE
 
 RESAMPLES = 2_000
 
 
 @dataclass(frozen=True)
-class Tally:
+class Totals:
     """What walks cost by an objective, and what that is made of."""
 
     cost: Float[np.ndarray, "*walks"]  # minutes, or what counts as much
@@ -25,20 +25,24 @@ class Tally:
     too_dense: Float[np.ndarray, "*walks"]  # streets entered above the maximum density
 
 
-def tally_of(walked: Walk) -> Tally | None:
+def totals_of(walked: Walk) -> Totals | None:
     """What walks cost, where that is not time alone."""
-    tally = walked.tally
-    if tally is None:
+    totals = walked.totals
+    if totals is None:
         return None
     cost, exposure, metres, too_dense = (
-        np.asarray(each, np.float64) for each in (walked.cost, tally.exposure, tally.metres, tally.too_dense)
+        np.asarray(each, np.float64) for each in (walked.cost, totals.exposure, totals.metres, totals.too_dense)
     )
-    return Tally(cost / 60, exposure, metres, too_dense)
+    return Totals(cost / 60, exposure, metres, too_dense)
 
 
-def joined(tallies: Sequence[Tally], join: Callable[[list[np.ndarray]], np.ndarray]) -> Tally | None:
+def joined(several_totals: Sequence[Totals], join: Callable[[list[np.ndarray]], np.ndarray]) -> Totals | None:
     """Several tallies as one; None where there are none, since time was all that counted."""
-    return Tally(*(join([getattr(one, of.name) for one in tallies]) for of in fields(Tally))) if tallies else None
+    return (
+        Totals(*(join([getattr(one, of.name) for one in several_totals]) for of in fields(Totals)))
+        if several_totals
+        else None
+    )
 
 
 @dataclass(frozen=True)
@@ -49,12 +53,12 @@ class Record:
     minutes: Float[np.ndarray, "map walk"]  # the horizon where a walk did not arrive
     arrived: Bool[np.ndarray, "map walk"]
     decision_us: float  # microseconds of planning and deciding for each decision, without potentials and live feed
-    tally: Tally | None = None  # None where time is all that counts
+    totals: Totals | None = None  # None where time is all that counts
 
     @property
     def cost(self) -> Float[np.ndarray, "map walk"]:
         """What planners are judged by: minutes, or what the objective makes of them."""
-        return self.minutes if self.tally is None else self.tally.cost
+        return self.minutes if self.totals is None else self.totals.cost
 
     @property
     def maps(self) -> int:
@@ -93,17 +97,19 @@ class Row(TypedDict):
     mean_too_dense: NotRequired[float]  # streets entered above the maximum density, on each walk
 
 
-def summarise(records: dict[str, Record], seed: int = 0, by: float | None = None, rival: str = RIVAL) -> dict[str, Row]:
+def summarise(
+    records: dict[str, Record], seed: int = 0, by: float | None = None, baseline: str = BASELINE
+) -> dict[str, Row]:
     """One row per planner, in the shape of ``results.json``.
 
-    ``by`` are the minutes that ``arrive_by`` asks about, ``rival`` is the row that differences are taken to.
+    ``by`` are the minutes that ``arrive_by`` asks about, ``baseline`` is the row that differences are taken to.
 
     ``saving_vs_shortest_path`` is 1 - mean/mean(shortest-path), ``regret`` mean/mean(clairvoyant) - 1. Intervals are
     95 % percentile bootstraps that resample whole maps, or walks where there is one map; the same resamples serve every
     planner, so that ratios are paired. A row that covers fewer maps is set against the same maps of the references.
     With an objective all of these are of costs, not of minutes.
     """
-    return {name: _row(record, records, seed, by, records[rival].cost) for name, record in records.items()}
+    return {name: _row(record, records, seed, by, records[baseline].cost) for name, record in records.items()}
 
 
 def _row(
@@ -111,12 +117,12 @@ def _row(
     records: dict[str, Record],
     seed: int,
     by: float | None,
-    rivals: Float[np.ndarray, "map walk"],
+    baselines: Float[np.ndarray, "map walk"],
 ) -> Row:
     minutes, cost = _units(record.minutes), _units(record.cost)
     reference = _units(records[REFERENCE].cost[: record.maps])
     bound = _units(records[BOUND].cost[: record.maps])
-    rival = _units(rivals[: record.maps])
+    baseline = _units(baselines[: record.maps])
     again = np.random.default_rng(seed).integers(len(cost), size=(RESAMPLES, len(cost)))
     means, bounds = cost[again].mean(axis=1), bound[again].mean(axis=1)
     single = spread(record.minutes, record.arrived, by)
@@ -134,18 +140,18 @@ def _row(
         "median_minutes": single["median_minutes"],
         "p90_minutes": single["p90_minutes"],
         "arrive_by": single["arrive_by"],
-        "difference_minutes": float(cost.mean() - rival.mean()),
-        "difference_ci95": _interval(means - rival[again].mean(axis=1)),
+        "difference_minutes": float(cost.mean() - baseline.mean()),
+        "difference_ci95": _interval(means - baseline[again].mean(axis=1)),
     }
-    if record.tally is not None:
+    if record.totals is not None:
         row["mean_cost_minutes"] = float(cost.mean())
-        row["mean_exposure"] = float(record.tally.exposure.mean())
-        row["mean_metres"] = float(record.tally.metres.mean())
-        row["mean_too_dense"] = float(record.tally.too_dense.mean())
+        row["mean_exposure"] = float(record.totals.exposure.mean())
+        row["mean_metres"] = float(record.totals.metres.mean())
+        row["mean_too_dense"] = float(record.totals.too_dense.mean())
     return row
 
 
-class Spread(TypedDict):
+class InterpolationWeights(TypedDict):
     """How much single walks differ."""
 
     median_minutes: float
@@ -153,7 +159,9 @@ class Spread(TypedDict):
     arrive_by: float | None
 
 
-def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None) -> Spread:
+def spread(
+    minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None
+) -> InterpolationWeights:
     """Median, 90 % quantile, and the share that arrives within ``by`` minutes."""
     return {
         "median_minutes": float(np.median(minutes)),

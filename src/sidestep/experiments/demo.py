@@ -35,16 +35,18 @@ class Demonstration:
 def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     """Train on map 0 of a seed, compare all planners there, and draw the first of the test walks."""
     problem = scenario(SCENARIO)
-    place = draw_map(problem, seed)
-    darp = train_darp(PRESETS["default"], problem, place, on_round)
+    scenario_map = draw_map(problem, seed)
+    darp = train_darp(PRESETS["default"], problem, scenario_map, on_round)
     comparison = compare(problem, {**BASELINES, Darp.name: lambda *_: darp}, maps=[0], walks=WALKS, seed=seed)
-    params = make_environment(problem, place, "test", WALKS)
-    walk = instances(problem, place, params, 1)
+    params = make_environment(problem, scenario_map, "test", WALKS)
+    walk = instances(problem, scenario_map, params, 1)
     shown = {
-        planner.name: routes(planner, params, walk, purpose_key(place, "test"), TRACE)[0]
+        planner.name: routes(planner, params, walk, purpose_key(scenario_map, "test"), TRACE)[0]
         for planner in (ShortestPath(), darp, Clairvoyant())
     }
     picture = out / "map.png"
     title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
-    plotting.save(plotting.crowded_map(title, params, np.asarray(place.flow.expected(1).counted[0]), shown), picture)
+    plotting.save(
+        plotting.crowded_map(title, params, np.asarray(scenario_map.flow.expected(1).counted[0]), shown), picture
+    )
     return Demonstration(comparison, darp, picture)

@@ -64,7 +64,7 @@ from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, train_darp
 from sidestep.planners.registry import BASELINES
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.maps import CrowdedMap
+from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Flows, Scenario
 from sidestep.walking.crossing_time import CrossingRule
 
@@ -130,13 +130,13 @@ def reproduce(
 def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable[[str], None]) -> Condition:
     curves: dict[str, list[np.ndarray]] = {Darp.name: [], LITERAL: []}
 
-    def default(place: CrowdedMap, _index: int) -> Planner:
-        return train_darp(PRESETS["default"], problem, place)
+    def default(scenario_map: ScenarioMap, _index: int) -> Planner:
+        return train_darp(PRESETS["default"], problem, scenario_map)
 
     as_printed = replace(PRESETS["paper"], rounds=plan.literal_rounds)
 
-    def literal(place: CrowdedMap, index: int) -> Planner | None:
-        return train_darp(as_printed, problem, place) if index < plan.literal_maps else None
+    def literal(scenario_map: ScenarioMap, index: int) -> Planner | None:
+        return train_darp(as_printed, problem, scenario_map) if index < plan.literal_maps else None
 
     def collect(_index: int, walked: dict[str, Walked]) -> None:
         for name, found in curves.items():

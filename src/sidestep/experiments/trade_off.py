@@ -9,7 +9,7 @@ import numpy as np
 from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
-from sidestep.planners.registry import BASELINES, BOUND, REFERENCE, REPLANNING, RIVAL, choose
+from sidestep.planners.registry import BASELINE, BASELINES, BOUND, REFERENCE, REPLANNING, choose
 from sidestep.plotting import TradeOffPoint
 from sidestep.scenarios.build import town_of
 from sidestep.scenarios.model import Scenario
@@ -17,7 +17,7 @@ from sidestep.walking.objective import Objective
 
 WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # s for each person·s/m²
 WALKS = 20
-CURVES = (RIVAL, BOUND)
+CURVES = (BASELINE, BOUND)
 
 
 class TradeOffJson(TypedDict):
@@ -110,12 +110,12 @@ def trade_off(
 
 
 def _point(weight: float | None, record: Record) -> TradeOffPoint:
-    tally = record.tally
-    assert tally is not None  # noqa: S101 # there is an objective
+    totals = record.totals
+    assert totals is not None  # noqa: S101 # there is an objective
     return {
         "weight": weight,
         "minutes": float(np.mean(record.minutes)),
-        "exposure": float(np.mean(tally.exposure)),
-        "metres": float(np.mean(tally.metres)),
+        "exposure": float(np.mean(totals.exposure)),
+        "metres": float(np.mean(totals.metres)),
         "arrival_rate": float(np.mean(record.arrived)),
     }

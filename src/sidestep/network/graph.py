@@ -126,7 +126,7 @@ def road_network(
     return RoadNetwork(*map(jnp.asarray, (position, exit_node, exit_segment, tail, head, length, width)))
 
 
-def side_by_side(networks: Sequence[RoadNetwork]) -> RoadNetwork:
+def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:
     """Several networks as one, with no street between them: their nodes and segments one after the other."""
     if len(networks) == 1:
         return networks[0]

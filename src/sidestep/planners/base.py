@@ -15,7 +15,7 @@ from sidestep.environment.dynamics import random_exit
 from sidestep.environment.knowledge import check_known
 from sidestep.environment.observation import at_level
 from sidestep.environment.rollout import Walk, walk
-from sidestep.environment.types import EnvParams, Instance, Level, Observation, Seen
+from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 
 
 class Plan(eqx.Module):
@@ -32,9 +32,9 @@ DecideByPlan = Callable[[Any, Any, Observation, Key[Array, ""]], Int[Array, ""]]
 class Planner(Protocol):
     """Decides at every crossing which exit to take.
 
-    ``level`` says what the planner may know, ``sees`` what it looks at on the way. Whatever it knows of map and crowds
-    beforehand enters through :meth:`plan`; on the way ``decide`` sees the observation alone, as a pure function of one
-    walker (``jax.vmap`` makes many). It is static, so that planners which decide alike share one compiled program.
+    ``level`` says what the planner may know, ``observes`` what it looks at on the way. Whatever it knows of map and
+    crowds beforehand enters through :meth:`plan`; on the way ``decide`` sees the observation alone, as a pure function
+    of one walker (``jax.vmap`` makes many). It is static: planners which decide alike share one compiled program.
     """
 
     name: ClassVar[str]
@@ -44,7 +44,7 @@ class Planner(Protocol):
     def level(self) -> Level: ...
 
     @property
-    def sees(self) -> Seen: ...
+    def observes(self) -> Information: ...
 
     def plan(self, params: EnvParams, instances: Instance, /) -> Plan:
         """Prepare walks; ``instances`` has a leading axis of walks."""
@@ -55,7 +55,8 @@ class Planner(Protocol):
 class Route:
     """A whole walk, for people."""
 
-    nodes: tuple[int, ...]
+    segments: tuple[int, ...]
+    nodes: tuple[int, ...]  # the origin, and where each segment ends
     clocks: tuple[float, ...]  # s at which each node is reached
     seconds: float
     arrived: bool
@@ -84,18 +85,23 @@ def walk_plan(
 ) -> Walk:
     """Walk all instances as planned; the same key gives every planner the same random numbers."""
     keys = jax.random.split(key, instances.origin.shape[0])
-    params = at_level(params, planner.sees)
+    params = at_level(params, planner.observes)
     check_known(params, instances)
     return _walks(planner.decide, params, plan, instances, keys, trace)
 
 
 def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Array, ""], trace: int) -> list[Route]:
-    """Whole routes of at most ``trace`` nodes."""
+    """Whole routes of at most ``trace`` segments."""
     walked = walk_plan(planner, params, planner.plan(params, instances), instances, key, trace)
+    head = np.asarray(params.network.head)
     found = []
-    for nodes, clocks, steps, seconds, arrived in zip(
-        *map(np.asarray, (walked.nodes, walked.clocks, walked.steps, walked.seconds, walked.arrived)), strict=True
+    for origin, departure, segments, clocks, steps, seconds, arrived in zip(
+        *map(np.asarray, (instances.origin, instances.departure)),
+        *map(np.asarray, (walked.segments, walked.clocks, walked.steps, walked.seconds, walked.arrived)),
+        strict=True,
     ):
-        size = min(int(steps) + 1, trace)
-        found.append(Route(tuple(nodes[:size].tolist()), tuple(clocks[:size].tolist()), float(seconds), bool(arrived)))
+        size = min(int(steps), trace)
+        nodes = (int(origin), *head[segments[:size]].tolist())
+        at = (float(departure), *clocks[:size].tolist())
+        found.append(Route(tuple(segments[:size].tolist()), nodes, at, float(seconds), bool(arrived)))
     return found

@@ -13,12 +13,12 @@ from jaxtyping import Array, Float, Int, Key
 from sidestep.agent.checkpoint import Model, TrainingRun, load_model
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import Preset, preset, preset_for
-from sidestep.agent.train import QNetwork, greedy, shown, train
-from sidestep.environment.types import EnvParams, Instance, Observation, Seen
+from sidestep.agent.train import QNetwork, greedy, selected_params, train
+from sidestep.environment.types import EnvParams, Information, Instance, Observation
 from sidestep.errors import SidestepError
 from sidestep.planners.base import DecideByPlan, Plan
-from sidestep.scenarios.episodes import goals_of
-from sidestep.scenarios.maps import CrowdedMap, draw_map, draw_training_map, fingerprint
+from sidestep.scenarios.episodes import destinations_of
+from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map, fingerprint
 from sidestep.scenarios.model import Scenario
 
 
@@ -39,12 +39,12 @@ class Darp:
 
     network: QNetwork
     curve: Float[np.ndarray, "round test"]  # minutes of the greedy test walks after every round of training
-    level: Seen = "position"
+    level: Information = "position"
     name: ClassVar[str] = "darp"
     decide: ClassVar[DecideByPlan] = staticmethod(_decide)
 
     @property
-    def sees(self) -> Seen:
+    def observes(self) -> Information:
         """It looks at all that its level knows."""
         return self.level
 
@@ -55,13 +55,13 @@ class Darp:
 def train_darp(
     config: TrainConfig,
     scenario: Scenario,
-    place: CrowdedMap,
+    scenario_map: ScenarioMap,
     on_round: OnRound = lambda _number, _minutes: None,
 ) -> Darp:
     """Let an agent learn one map."""
     curve = []
-    for state, report in train(config, scenario, place):
-        network = shown(config, state)
+    for state, report in train(config, scenario, scenario_map):
+        network = selected_params(config, state)
         curve.append(np.asarray(report.test_minutes))
         on_round(len(curve), curve[-1])
     return Darp(network, np.stack(curve), config.level)
@@ -72,7 +72,7 @@ def trained_darp(model: Model | TrainingRun) -> Darp:
     return Darp(model.network, np.asarray(model.curve), model.config.level)
 
 
-Factory = Callable[[CrowdedMap, int], Darp]
+Factory = Callable[[ScenarioMap, int], Darp]
 
 
 @dataclass(frozen=True)
@@ -89,13 +89,13 @@ class Learned:
             known = ", ".join(map(str, sorted(self.destinations)))
             raise ModelError(f"this model remembers how to walk to {known}, not to {node}; see train --destinations")
 
-    def check_destinations(self, place: CrowdedMap, goals: int) -> None:
+    def check_destinations(self, scenario_map: ScenarioMap, destinations: int) -> None:
         """Refuse more destinations than were learned."""
-        for node in goals_of(place, goals).ravel().tolist():
+        for node in destinations_of(scenario_map, destinations).ravel().tolist():
             self.check_destination(node)
 
 
-def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level: Seen | None = None) -> Learned:
+def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level: Information | None = None) -> Learned:
     """Load models to walk the maps of a scenario.
 
     Raises
@@ -118,10 +118,10 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
                 f"the model in {folder} learned to walk {where[model.scenario.sensed]}; {scenario.name} is another kind"
             )
         if model.config.level == "position" or model.config.places:
-            place = draw_map(scenario, seed, model.index)
-            _check_place(folder, model, place)
+            scenario_map = draw_map(scenario, seed, model.index)
+            _check_place(folder, model, scenario_map)
             bound.add(model.index)
-            ends.append(frozenset(goals_of(place, model.config.goals).ravel().tolist()))
+            ends.append(frozenset(destinations_of(scenario_map, model.config.destinations).ravel().tolist()))
     if len(bound) > 1:
         raise ModelError(f"the models remember the places of different maps, numbers {sorted(bound)}")
     names = {folder: Darp.name if len(models) == 1 else f"{Darp.name}-{folder.name}" for folder in models}
@@ -134,30 +134,34 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     )
 
 
-def _ready(darp: Darp, _place: CrowdedMap, _index: int) -> Darp:
+def _ready(darp: Darp, _place: ScenarioMap, _index: int) -> Darp:
     return darp
 
 
-def _check_place(folder: Path, model: Model, place: CrowdedMap) -> None:
-    if fingerprint(place) == model.fingerprint:
+def _check_place(folder: Path, model: Model, scenario_map: ScenarioMap) -> None:
+    if fingerprint(scenario_map) == model.fingerprint:
         return
     learned = draw_training_map(model.scenario, model.seed, model.index).network.nodes
     where = f"map {model.index} of {model.scenario.name}, seed {model.seed}"
-    other = f"one of {place.network.nodes} nodes" if place.network.nodes != learned else "another of as many"
+    other = (
+        f"one of {scenario_map.network.nodes} nodes" if scenario_map.network.nodes != learned else "another of as many"
+    )
     raise ModelError(f"the model in {folder} remembers the {learned} nodes of {where}; this map is {other}")
 
 
-def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset, goals: int = 1) -> dict[str, Factory]:
+def trainable(
+    scenario: Scenario, seed: int, level: Information, name: Preset, destinations: int = 1
+) -> dict[str, Factory]:
     """Agents that are trained before they walk: ``darp`` by the preset of this name, and the baselines that learn.
 
-    They learn so many ``goals`` (destinations), or more where their preset does. Where a scenario has maps of its own
-    to train on, that is done once for all maps.
+    They learn ``destinations`` destinations, or more where their preset does. Where a scenario has maps of its own to
+    train on, that is done once for all maps.
     """
     configs = {Darp.name: preset_for(scenario, name, level), "dqn": preset_for(scenario, "dqn", level)}
-    if not scenario.training_maps and scenario.venue is None and goals == 1:
+    if not scenario.training_maps and scenario.venue is None and destinations == 1:
         configs["tabular-q"] = preset("tabular-q")
     return {
-        key: _factory(scenario, seed, replace(config, goals=max(config.goals, goals)))
+        key: _factory(scenario, seed, replace(config, destinations=max(config.destinations, destinations)))
         for key, config in configs.items()
     }
 
@@ -165,7 +169,7 @@ def trainable(scenario: Scenario, seed: int, level: Seen, name: Preset, goals: i
 def _factory(scenario: Scenario, seed: int, config: TrainConfig) -> Factory:
     once = lru_cache(lambda: train_darp(config, scenario, draw_training_map(scenario, seed)))
 
-    def here(place: CrowdedMap, _index: int) -> Darp:
-        return once() if scenario.training_maps else train_darp(config, scenario, place)
+    def here(scenario_map: ScenarioMap, _index: int) -> Darp:
+        return once() if scenario.training_maps else train_darp(config, scenario, scenario_map)
 
     return here

@@ -5,7 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from sidestep.environment.types import EnvParams, Instance, Level, Seen
+from sidestep.environment.types import EnvParams, Information, Instance, Level
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 from sidestep.planners.shortest_path import distances_to, per_walk
 
@@ -15,7 +15,7 @@ class RandomWalk:
 
     name: ClassVar[str] = "random-walk"
     level: ClassVar[Level] = "position"
-    sees: ClassVar[Seen] = "position"
+    observes: ClassVar[Information] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
@@ -28,7 +28,7 @@ class RandomProgress:
 
     name: ClassVar[str] = "random-progress"
     level: ClassVar[Level] = "position"
-    sees: ClassVar[Seen] = "position"
+    observes: ClassVar[Information] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:

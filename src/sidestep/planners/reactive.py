@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.environment.types import EnvParams, Instance, Level, Observation, Seen
+from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.planners.base import DecideByPlan, Plan
 
 Seconds = Callable[[Observation], Float[Array, " exit"]]  # to the destination over each exit
@@ -48,7 +48,7 @@ class GreedyLocal(_Replanning):
 
     name: ClassVar[str] = "greedy-local"
     level: ClassVar[Level] = "local"
-    sees: ClassVar[Seen] = "local"
+    observes: ClassVar[Information] = "local"
 
 
 class GreedyMap(_Replanning):
@@ -56,7 +56,7 @@ class GreedyMap(_Replanning):
 
     name: ClassVar[str] = "greedy-map"
     level: ClassVar[Level] = "map"
-    sees: ClassVar[Seen] = "map"
+    observes: ClassVar[Information] = "map"
 
 
 class Snapshot(_Replanning):
@@ -64,7 +64,7 @@ class Snapshot(_Replanning):
 
     name: ClassVar[str] = "snapshot"
     level: ClassVar[Level] = "live"
-    sees: ClassVar[Seen] = "live"
+    observes: ClassVar[Information] = "live"
     decide: ClassVar[DecideByPlan] = staticmethod(least(_as_it_stands))
 
 
@@ -73,4 +73,4 @@ class Forecast(_Replanning):
 
     name: ClassVar[str] = "forecast"
     level: ClassVar[Level] = "live"
-    sees: ClassVar[Seen] = "live"
+    observes: ClassVar[Information] = "live"

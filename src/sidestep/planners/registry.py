@@ -8,10 +8,10 @@ from sidestep.planners.random import RandomProgress, RandomWalk
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Clairvoyant, Expected
-from sidestep.scenarios.maps import CrowdedMap
+from sidestep.scenarios.maps import ScenarioMap
 
-REFERENCE, BOUND, RIVAL = "shortest-path", "clairvoyant", "expected"  # rows that the others are set against
-PlannerFactory = Callable[[CrowdedMap, int], Planner | None]  # for map and its number; None skips this map and later
+REFERENCE, BOUND, BASELINE = "shortest-path", "clairvoyant", "expected"  # rows that the others are set against
+PlannerFactory = Callable[[ScenarioMap, int], Planner | None]  # for map and its number; None skips this map and later
 
 
 BASELINES: dict[str, PlannerFactory] = {
@@ -37,7 +37,7 @@ class PlannerError(SidestepError):
 
 def choose(names: Iterable[str], factories: Mapping[str, PlannerFactory]) -> dict[str, PlannerFactory]:
     """Pick planners by name; the three that the others are measured against are always among them."""
-    wanted = list(dict.fromkeys([*names, REFERENCE, RIVAL, BOUND]))
+    wanted = list(dict.fromkeys([*names, REFERENCE, BASELINE, BOUND]))
     for name in wanted:
         if name not in factories:
             raise PlannerError(f"unknown planner {name!r}; there are {', '.join(factories)}")

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from sidestep.environment.types import EnvParams, Instance, Level, Seen
+from sidestep.environment.types import EnvParams, Information, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 
@@ -20,7 +20,7 @@ class ShortestPath:
 
     name: ClassVar[str] = "shortest-path"
     level: ClassVar[Level] = "map"
-    sees: ClassVar[Seen] = "position"
+    observes: ClassVar[Information] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:

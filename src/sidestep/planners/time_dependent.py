@@ -15,9 +15,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.environment.cost_to_go import at_clock
-from sidestep.environment.costs import cross_in, unlit
-from sidestep.environment.knowledge import field_to_go
-from sidestep.environment.types import EnvParams, Instance, Level, Observation, Seen
+from sidestep.environment.costs import cross_in, with_mean_waits
+from sidestep.environment.knowledge import field_cost_to_go
+from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 from sidestep.walking.crossing_time import CrossingRule, leaving_clock
@@ -46,11 +46,11 @@ def earliest_arrivals(
 
 
 def _through(
-    network: RoadNetwork, speeds: Speeds, crowd: Int[Array, ""], rule: CrossingRule, wait: Wait = None
+    network: RoadNetwork, speeds: Speeds, future: Int[Array, ""], rule: CrossingRule, wait: Wait = None
 ) -> Leave:
     def leave(segment: Int[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
         entered = clock if wait is None else clock + wait(segment, clock)
-        return leaving_clock(speeds, crowd, segment, network.length[segment], entered, rule)
+        return leaving_clock(speeds, future, segment, network.length[segment], entered, rule)
 
     return leave
 
@@ -126,25 +126,25 @@ STEP, FINE_STEP = 60.0, 15.0  # s; the latter where costs jump: at lights, and w
 LEAST_STEPS = 1_000  # of a plan, which may walk to and fro for a while
 
 
-def cheapest_way(params: EnvParams, field: SpeedField, instance: Instance) -> Int[Array, " step"]:
+def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) -> Int[Array, " step"]:
     """The exits, one after the other, of the walk that costs least by the environment's objective.
 
     Costs, unlike arrivals, obey no principle of the earliest: it may pay to arrive later, and even to walk to and fro
     until a crowd is gone. So they are worked out backwards, for every ``STEP`` seconds, and taken to be linear in
     between: exact but for that.
     """
-    network, crowd = params.network, instance.crowd
+    network, future = params.network, instance.future
     goal = jnp.arange(network.nodes) == instance.destination
     jumps = params.waits is not None and params.waits.phases
     jumps |= params.objective is not None and params.objective.max_density is not None
     every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
-    table = field_to_go(params, field, crowd, goal, every=every)
+    table = field_cost_to_go(params, field, future, goal, every=every)
     longest = max(4 * network.nodes, LEAST_STEPS)
 
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         node, clock, way, steps = carry
         onto, segment = network.exit_node[node], network.exit_segment[node]
-        ahead = jax.vmap(lambda one: cross_in(params, field, crowd, one, clock))(segment)
+        ahead = jax.vmap(lambda one: cross_in(params, field, future, one, clock))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
         best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
         return onto[best], clock + ahead.seconds[best], way.at[steps].set(best), steps + 1
@@ -161,10 +161,10 @@ def _plan(
     params: EnvParams, fields: Speeds, instances: Instance
 ) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
     def one(instance: Instance) -> Bool[Array, "node exit"] | Int[Array, " step"]:
-        which, waits = instance.crowd % fields.count, params.waits
+        which, waits = instance.future % fields.count, params.waits
         if params.objective is not None:
-            return cheapest_way(params, fields.of(which), instance)
-        wait = None if waits is None else partial(waits.seconds, instance.crowd)
+            return least_cost_path(params, fields.of(which), instance)
+        wait = None if waits is None else partial(waits.seconds, instance.future)
         return fastest_exits(params.network, _through(params.network, fields, which, params.rule, wait), instance)
 
     return jax.vmap(one)(instances) if params.objective is None else jax.lax.map(one, instances)
@@ -184,11 +184,11 @@ class Expected:
 
     name: ClassVar[str] = "expected"
     level: ClassVar[Level] = "map"
-    sees: ClassVar[Seen] = "position"
+    observes: ClassVar[Information] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(unlit(params), params.expected, instances))
+        return Plan(None, _plan(with_mean_waits(params), params.expected, instances))
 
 
 class Clairvoyant:
@@ -199,8 +199,8 @@ class Clairvoyant:
 
     name: ClassVar[str] = "clairvoyant"
     level: ClassVar[Level] = "hindsight"
-    sees: ClassVar[Seen] = "position"
+    observes: ClassVar[Information] = "position"
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, params.crowds, instances))
+        return Plan(None, _plan(params, params.futures, instances))

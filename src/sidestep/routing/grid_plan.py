@@ -12,7 +12,7 @@ from sidestep.errors import SidestepError
 from sidestep.evaluation.metrics import spread
 from sidestep.planners.base import Planner, Route, routes, walk_plan
 from sidestep.scenarios.futures import make_environment
-from sidestep.scenarios.maps import CrowdedMap, purpose_key
+from sidestep.scenarios.maps import ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
 
 
@@ -71,7 +71,7 @@ class Foresight:
 
 def foresee(
     scenario: Scenario,
-    place: CrowdedMap,
+    scenario_map: ScenarioMap,
     planner: Planner,
     *,
     origin: int,
@@ -95,7 +95,7 @@ def foresee(
     RouteError
         Nodes that there are not, a departure or a number of futures that cannot be.
     """
-    nodes = place.network.nodes
+    nodes = scenario_map.network.nodes
     for name, node in (("origin", origin), ("destination", destination)):
         if not 0 <= node < nodes:
             raise RouteError(f"there is no node {node} to be the {name}; nodes are numbered 0 to {nodes - 1}")
@@ -105,19 +105,21 @@ def foresee(
         )
     if futures < 1:
         raise RouteError(f"there must be at least one future, not {futures}")
-    goals = np.array([[destination]])
+    destinations = np.array([[destination]])
 
-    def world(scenario: Scenario, crowds: int) -> tuple[EnvParams, Instance]:
-        params = make_environment(scenario, place, "test", crowds, level=planner.sees, goals=goals)
-        count = params.crowds.count
+    def world(scenario: Scenario, futures: int) -> tuple[EnvParams, Instance]:
+        params = make_environment(
+            scenario, scenario_map, "test", futures, level=planner.observes, destinations=destinations
+        )
+        count = params.futures.count
         return params, Instance(
             origin=jnp.full(count, origin, jnp.int32),
             destination=jnp.full(count, destination, jnp.int32),
             departure=jnp.full(count, departure, jnp.float32),
-            crowd=jnp.arange(count, dtype=jnp.int32),
+            future=jnp.arange(count, dtype=jnp.int32),
         )
 
-    key = purpose_key(place, "test")
+    key = purpose_key(scenario_map, "test")
     params, once = world(replace(scenario, flows="forecast"), 1)
     route = whole_route(planner, params, once, key)
     covered = scenario.slots * scenario.slot_seconds
@@ -128,21 +130,20 @@ def foresee(
         )
     params, todo = world(scenario, futures)
     walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
-    return Foresight(planner, route, _metres(place, route), np.asarray(walked.seconds) / 60, np.asarray(walked.arrived))
+    return Foresight(
+        planner,
+        route,
+        float(np.asarray(scenario_map.network.length)[list(route.segments)].sum()),
+        np.asarray(walked.seconds) / 60,
+        np.asarray(walked.arrived),
+    )
 
 
 def whole_route(planner: Planner, params: EnvParams, once: Instance, key: Key[Array, ""]) -> Route:
     """All of one walk, however long it is."""
-    trace = params.network.nodes + 1
+    trace = params.network.nodes
     (route,) = routes(planner, params, once, key, trace)
-    while len(route.nodes) == trace:  # it may go on
+    while len(route.segments) == trace:  # it may go on
         trace *= 8
         (route,) = routes(planner, params, once, key, trace)
     return route
-
-
-def _metres(place: CrowdedMap, route: Route) -> float:
-    exit_node, exit_segment = np.asarray(place.network.exit_node), np.asarray(place.network.exit_segment)
-    length = np.asarray(place.network.length)
-    steps = zip(route.nodes, route.nodes[1:], strict=False)
-    return float(sum(length[exit_segment[here][exit_node[here] == there]].min() for here, there in steps))

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from sidestep.environment.costs import cross, unlit
+from sidestep.environment.costs import cross, with_mean_waits
 from sidestep.environment.rollout import Walk
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.evaluation.metrics import tally_of
+from sidestep.evaluation.metrics import totals_of
 from sidestep.network.splice import Spliced
 from sidestep.planners.base import Plan, Planner, Route, walk_plan
 from sidestep.planners.reactive import Snapshot
@@ -68,22 +68,24 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
         all are alike.
     """
     if futures is None:
-        futures = 1 if trip.certain else LIVE_FUTURES if planner.sees == "live" else FUTURES
+        futures = 1 if trip.certain else LIVE_FUTURES if planner.observes == "live" else FUTURES
     if futures < 1:
         raise RouteError(f"there must be at least one future, not {futures}")
     scenario = replace(trip.scenario, departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
-    goals = np.array([[trip.destination.node]])
-    params = make_environment(scenario, trip.place, "test", futures, level="map", goals=goals, densities=True)
-    futures = params.crowds.count  # one, where the forecast comes true
+    destinations = np.array([[trip.destination.node]])
+    params = make_environment(
+        scenario, trip.place, "test", futures, level="map", destinations=destinations, densities=True
+    )
+    futures = params.futures.count  # one, where the forecast comes true
     density = np.asarray(params.expected.of(jnp.int32(0)).known_density)
     world = _World(scenario, trip, params, purpose_key(trip.place, "test"))
     route = world.expected_route(planner)
     walked = world.walk(planner, futures, route.seconds)
-    rivals: list[tuple[Planner, int]] = [(ShortestPath(), futures), (Snapshot(), min(futures, LIVE_FUTURES))]
+    baselines: list[tuple[Planner, int]] = [(ShortestPath(), futures), (Snapshot(), min(futures, LIVE_FUTURES))]
     others = {
-        rival.name: Others(rival, *_results(world.walk(rival, count, route.seconds)))
-        for rival, count in rivals
-        if rival.name != planner.name
+        baseline.name: Others(baseline, *_results(world.walk(baseline, count, route.seconds)))
+        for baseline, count in baselines
+        if baseline.name != planner.name
     }
     return Journey(
         trip,
@@ -99,11 +101,11 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
 def _results(
     walked: Walk,
 ) -> tuple[Float[np.ndarray, " future"], Bool[np.ndarray, " future"], Float[np.ndarray, " future"] | None]:
-    tally = tally_of(walked)
+    totals = totals_of(walked)
     return (
         np.asarray(walked.seconds, np.float64) / 60,
         np.asarray(walked.arrived),
-        None if tally is None else tally.exposure,
+        None if totals is None else totals.exposure,
     )
 
 
@@ -124,8 +126,8 @@ class _World:
     key: Key[Array, ""]
 
     def expected_route(self, planner: Planner) -> Route:
-        once, alone = self._instances(1), replace(unlit(self.params), crowds=self.params.expected)
-        if planner.sees != "live":
+        once, alone = self._instances(1), replace(with_mean_waits(self.params), futures=self.params.expected)
+        if planner.observes != "live":
             return whole_route(planner, alone, once, self.key)
         slots = _FIRST_SLOTS
         while True:
@@ -136,9 +138,9 @@ class _World:
 
     def walk(self, planner: Planner, futures: int, seconds: float) -> Walk:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        params = replace(self.params, crowds=self.params.crowds.first(futures))
+        params = replace(self.params, futures=self.params.futures.first(futures))
         todo = self._instances(futures)
-        if planner.sees != "live":
+        if planner.observes != "live":
             return walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
         slots = _FIRST_SLOTS
         while slots * self.scenario.slot_seconds < 1.2 * seconds:
@@ -168,7 +170,7 @@ class _World:
             origin=jnp.full(count, self.trip.origin.node, jnp.int32),
             destination=jnp.full(count, self.trip.destination.node, jnp.int32),
             departure=jnp.zeros(count, jnp.float32),
-            crowd=jnp.arange(count, dtype=jnp.int32),
+            future=jnp.arange(count, dtype=jnp.int32),
         )
 
 
@@ -180,10 +182,9 @@ def _legs(
 ) -> tuple[Leg, ...]:
     """The streets of a route through the expected crowds, which are so dense, in persons/m²."""
     town, length, expected = streets.town, np.asarray(params.network.length), params.expected
-    alone = replace(unlit(params), crowds=expected, objective=params.objective or Objective())
+    alone = replace(with_mean_waits(params), futures=expected, objective=params.objective or Objective())
 
-    def one(here: int, there: int, before: float, after: float) -> Leg:
-        segment = _segment(alone, here, there, before, after)
+    def one(segment: int, before: float, after: float) -> Leg:
         crossed = cross(alone, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
         slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
         street = int(streets.street[segment])
@@ -200,20 +201,8 @@ def _legs(
             course=streets.course(segment),
         )
 
-    steps = zip(route.nodes, route.nodes[1:], route.clocks, route.clocks[1:], strict=False)
+    steps = zip(route.segments, route.clocks, route.clocks[1:], strict=False)
     return tuple(one(*step) for step in steps)
-
-
-def _segment(params: EnvParams, here: int, there: int, before: float, after: float) -> int:
-    """The segment that was walked; of parallel ones, that which takes the time that was taken."""
-    exits = np.asarray(params.network.exit_node)[here] == there
-    parallel = np.asarray(params.network.exit_segment)[here, exits].tolist()
-
-    def differs(segment: int) -> float:
-        taken = cross(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before)).seconds
-        return abs(float(taken) - (after - before))
-
-    return int(parallel[0]) if len(parallel) == 1 else int(min(parallel, key=differs))
 
 
 def whole_course(legs: tuple[Leg, ...]) -> Float[np.ndarray, "point 2"]:

@@ -19,7 +19,7 @@ from sidestep.network.town import Town
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.grid_plan import RouteError
 from sidestep.scenarios.build import town_of, with_live_counts
-from sidestep.scenarios.maps import CrowdedMap
+from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import DAYS, Scenario, Venue
 
 _PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*", re.ASCII)
@@ -71,7 +71,7 @@ class Trip:
     scenario: Scenario
     venue: Venue
     streets: Spliced
-    place: CrowdedMap  # at the hour of the departure
+    place: ScenarioMap  # at the hour of the departure
     origin: End
     destination: End
     departure: Departure
@@ -182,7 +182,7 @@ def read_departure(text: str | None, venue: Venue, *, timed: bool = True) -> Dep
 
 def prepare(
     scenario: Scenario,
-    place: CrowdedMap,
+    place: ScenarioMap,
     origin: int | tuple[float, float],
     destination: int | tuple[float, float],
     departure: Departure,

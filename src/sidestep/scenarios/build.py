@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.crowds.counts import CountTable, load_auckland, read_counts
 from sidestep.crowds.crowd_table import CrowdTable, load_crowd_table
-from sidestep.crowds.interpolation import spread_along
+from sidestep.crowds.interpolation import interpolation_weights
 from sidestep.crowds.profile import hour_of_week
 from sidestep.crowds.sensors import Known, SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
 from sidestep.crowds.table import TableFlow
@@ -110,7 +110,7 @@ def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float)
     width = np.asarray(network.width)[segment]
     # Whoever passes in an hour is in sight of a metre of street for 1 / FREE_SPEED seconds.
     per_count = venue.crowding / (HOUR * FREE_SPEED * width)
-    spread = spread_along(network, segment, venue.reach)
+    spread = interpolation_weights(network, segment, venue.reach)
     start = jnp.asarray(venue.starts(1), jnp.float32)
     flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds, None, venue.uneven)
     return flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)

@@ -12,11 +12,11 @@ from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.arima import change_step, load_fitted
 from sidestep.crowds.base import ArimaFlow, FlowModel
-from sidestep.crowds.interpolation import Spread
+from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.rush import RushFlow, ShiftingFlow
 from sidestep.crowds.sensors import SensorFlow
 from sidestep.crowds.table import TableFlow
-from sidestep.network.graph import RoadNetwork, side_by_side
+from sidestep.network.graph import RoadNetwork, disjoint_union
 from sidestep.network.grid import grid_network
 from sidestep.network.splice import Spliced
 from sidestep.scenarios.build import town_crowds
@@ -27,7 +27,7 @@ Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
 
 
-class CrowdedMap(eqx.Module):
+class ScenarioMap(eqx.Module):
     """Streets, and the crowds on them with the model that moves them.
 
     Several maps side by side, with no street between them, are one: ``parts`` are the nodes of each.
@@ -46,19 +46,19 @@ class CrowdedMap(eqx.Module):
         """The crowds that walks of one purpose meet."""
         return self.recorded if self.recorded is not None and purpose == "test" else self.flow
 
-    def beginning(self, starts: list[float]) -> "CrowdedMap":
+    def beginning(self, starts: list[float]) -> "ScenarioMap":
         """The same place with clock 0 at these hours of the week, for one goal each."""
         start = jnp.asarray(starts, jnp.float32)
         recorded = None if self.recorded is None else _starting(self.recorded, start)
         waits = None if self.waits is None else replace(self.waits, start=start)
         return replace(self, flow=_starting(self.flow, start), recorded=recorded, waits=waits)
 
-    def spliced(self, streets: Spliced) -> "CrowdedMap":
+    def spliced(self, streets: Spliced) -> "ScenarioMap":
         """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
         parent, share = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
         flow = _on_pieces(self.flow, parent, share)
         waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole))
-        return CrowdedMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
+        return ScenarioMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
 
 
 def knows_time(flow: FlowModel) -> bool:
@@ -76,17 +76,17 @@ def _on_pieces(flow: FlowModel, parent: Int[Array, " piece"], share: Float[Array
     if isinstance(flow, TableFlow):  # of the persons on a segment, each piece has as large a share as of its length
         return replace(flow, usual=flow.usual[:, parent] * share)
     if isinstance(flow, SensorFlow):
-        return replace(flow, spread=Spread(flow.spread.sensor[parent], flow.spread.weight[parent]))
+        return replace(flow, weights=InterpolationWeights(flow.weights.sensor[parent], flow.weights.weight[parent]))
     return flow
 
 
-def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
+def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     """Map number ``index`` of a seed; the same for every planner and for every kind of flow."""
     if min(seed, index) < 0:
         raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
     if scenario.venue is not None:
         town = town_crowds(scenario.venue, scenario.slot_seconds, scenario.law)
-        return CrowdedMap(
+        return ScenarioMap(
             town.network,
             town.flow,
             _key(seed, index),
@@ -98,7 +98,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
         )
     key = _key(seed, index)
     streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))
-    return _crowded_map(scenario, [streets], key)
+    return _scenario_map(scenario, [streets], key)
 
 
 def _key(seed: int, index: int) -> Key[Array, ""]:
@@ -106,7 +106,7 @@ def _key(seed: int, index: int) -> Key[Array, ""]:
     return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
-def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedMap:
+def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     """What an agent learns on that will walk map number ``index``: that map, or others, as the scenario says.
 
     The others are drawn from another stream than all maps that agents are compared on.
@@ -115,7 +115,7 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> CrowdedM
     if not scenario.training_maps:
         return here
     rngs = [np.random.default_rng([seed, number, _LEARN]) for number in range(scenario.training_maps)]
-    return _crowded_map(scenario, [_Streets.draw(scenario, scenario.side, rng) for rng in rngs], here.key)
+    return _scenario_map(scenario, [_Streets.draw(scenario, scenario.side, rng) for rng in rngs], here.key)
 
 
 _LEARN = 1  # a third number makes another stream: no map that is compared on has one
@@ -154,34 +154,36 @@ def _crowded_nodes(scenario: Scenario, nodes: int) -> int:
     return round(scenario.crowded_nodes * nodes / scenario.side**2)
 
 
-def _crowded_map(scenario: Scenario, maps: list[_Streets], key: Key[Array, ""]) -> CrowdedMap:
-    network = side_by_side([streets.network for streets in maps])
+def _scenario_map(scenario: Scenario, maps: list[_Streets], key: Key[Array, ""]) -> ScenarioMap:
+    network = disjoint_union([streets.network for streets in maps])
     volume = jnp.asarray(np.concatenate([streets.volume for streets in maps]), jnp.float32)
     parts = tuple(streets.network.nodes for streets in maps)
     if scenario.rush is None:
-        return CrowdedMap(network, ArimaFlow(volume, change_step(load_fitted(), scenario.slot_seconds)), key, parts)
+        return ScenarioMap(network, ArimaFlow(volume, change_step(load_fitted(), scenario.slot_seconds)), key, parts)
     rush, waves = scenario.rush, jnp.asarray(np.concatenate([streets.waves for streets in maps], axis=1), jnp.float32)
     amplitude, phase = waves
     flow = RushFlow(volume, amplitude, phase, rush.period, rush.memory, rush.deviation, scenario.slot_seconds)
     if not rush.shifting:
-        return CrowdedMap(network, flow, key, parts)
+        return ScenarioMap(network, flow, key, parts)
     spared = np.zeros(network.nodes, bool)
     first = np.cumsum((0, *parts))
     spared[[*first[:-1], *(first[1:] - 1)]] = True
     ends = jnp.stack([network.tail, network.head], axis=1)
     crowded_nodes = sum(_crowded_nodes(scenario, nodes) for nodes in parts)
     shifting = ShiftingFlow(flow, ends, jnp.asarray(spared), crowded_nodes, *scenario.crowded_volume)
-    return CrowdedMap(network, shifting, key, parts)
+    return ScenarioMap(network, shifting, key, parts)
 
 
-def fingerprint(place: CrowdedMap) -> str:
+def fingerprint(scenario_map: ScenarioMap) -> str:
     """The same for the same streets with the same usual crowds, whatever the speed law, and for no others."""
-    digest = hashlib.sha256(str(jax.tree.structure((place.network, place.flow, place.waits))).encode())
-    for leaf in jax.tree.leaves((place.network, place.flow, place.waits)):
+    digest = hashlib.sha256(
+        str(jax.tree.structure((scenario_map.network, scenario_map.flow, scenario_map.waits))).encode()
+    )
+    for leaf in jax.tree.leaves((scenario_map.network, scenario_map.flow, scenario_map.waits)):
         digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
     return digest.hexdigest()[:16]
 
 
-def purpose_key(place: CrowdedMap, purpose: Purpose) -> Key[Array, ""]:
+def purpose_key(scenario_map: ScenarioMap, purpose: Purpose) -> Key[Array, ""]:
     """The random stream of one purpose on one map."""
-    return jax.random.fold_in(place.key, PURPOSES.index(purpose))
+    return jax.random.fold_in(scenario_map.key, PURPOSES.index(purpose))

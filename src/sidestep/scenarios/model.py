@@ -8,7 +8,7 @@ import numpy as np
 
 from sidestep.crowds.base import SLOT_SECONDS
 from sidestep.crowds.counts import TEST, TRAIN
-from sidestep.environment.types import LEVELS, RewardWeights, Seen
+from sidestep.environment.types import LEVELS, Information, RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.network.grid import LENGTHS
 from sidestep.walking.crossing_time import CROSSING_RULES, CrossingRule
@@ -240,7 +240,7 @@ class Scenario:
     departures: tuple[float, float] = (0.0, 0.0)  # s, earliest and latest
     larger: tuple[int, ...] = ()  # sides of further maps: map number i has the i-th, in turn
     training_maps: int = 0  # other maps to learn on; 0 learns the map itself
-    level: Seen = "position"  # of the agents that learn it, unless told otherwise
+    level: Information = "position"  # of the agents that learn it, unless told otherwise
     maps: int = 10  # of a comparison, unless told otherwise
     walks: int = 20  # on each of them
 
@@ -303,7 +303,7 @@ class Scenario:
             raise ScenarioError(f"max_density must be a positive number of persons/m², not {wanted.max_density}")
 
     @property
-    def crowds(self) -> str:
+    def crowd_model(self) -> str:
         """What moves the crowds: the model of the counts, rush hours, sensors or a table; or a forecast of these."""
         if self.flows == "forecast":
             return self.flows

@@ -115,7 +115,7 @@ def crossing_times_at(
 
 def leaving_clock(
     speeds: Speeds,
-    crowd: Int[Array, ""],
+    future: Int[Array, ""],
     segment: Int[Array, ""],
     length: Float[Array, ""],
     clock: Float[Array, ""],
@@ -129,11 +129,11 @@ def leaving_clock(
     last, slot_seconds = speeds.slots - 1, speeds.slot_seconds
     slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
     if rule == "entry":
-        return clock + length / speeds.at(crowd, segment, slot)
+        return clock + length / speeds.at(future, segment, slot)
 
     def walk(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         slot, now, left, _ = carry
-        speed = speeds.at(crowd, segment, slot)
+        speed = speeds.at(future, segment, slot)
         ends = jnp.where(slot == last, jnp.inf, (slot + 1) * slot_seconds)
         ahead = speed * (ends - now)
         over = left <= ahead

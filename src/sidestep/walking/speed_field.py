@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sidestep.crowds.interpolation import Spread
+from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.walking.speed_laws import SpeedLaw
 
 
@@ -16,10 +16,10 @@ class SpeedField(eqx.Module):
     Leading axes, if any, count alternative crowds. The last slot's speed holds for ever after.
     """
 
-    speed: Float[Array, "*crowd segment slot"]  # m/s
-    covered: Float[Array, "*crowd segment slot"]  # m walked on the segment from clock 0 to the slot's beginning
+    speed: Float[Array, "*future segment slot"]  # m/s
+    covered: Float[Array, "*future segment slot"]  # m walked on the segment from clock 0 to the slot's beginning
     slot_seconds: float = eqx.field(static=True)
-    density: Float[Array, "*crowd segment slot"] | None = None  # persons/m², where it is asked for
+    density: Float[Array, "*future segment slot"] | None = None  # persons/m², where it is asked for
 
     @property
     def slots(self) -> int:
@@ -31,31 +31,31 @@ class SpeedField(eqx.Module):
         """Number of alternative crowds, where there is a leading axis."""
         return self.speed.shape[0]
 
-    def of(self, crowd: Int[Array, ""]) -> "SpeedField":
+    def of(self, future: Int[Array, ""]) -> "SpeedField":
         """One of the alternative crowds."""
-        density = None if self.density is None else self.density[crowd]
-        return SpeedField(self.speed[crowd], self.covered[crowd], self.slot_seconds, density)
+        density = None if self.density is None else self.density[future]
+        return SpeedField(self.speed[future], self.covered[future], self.slot_seconds, density)
 
-    def first(self, crowds: int | None = None, slots: int | None = None) -> "SpeedField":
+    def first(self, futures: int | None = None, slots: int | None = None) -> "SpeedField":
         """The first of the alternative crowds in the first slots; None: all of them."""
-        part = (slice(crowds), slice(None), slice(slots))
+        part = (slice(futures), slice(None), slice(slots))
         density = None if self.density is None else self.density[part]
         return SpeedField(self.speed[part], self.covered[part], self.slot_seconds, density)
 
-    def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+    def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Speeds in m/s on segments in a slot of one of the crowds."""
-        return self.speed[crowd, segment, slot]
+        return self.speed[future, segment, slot]
 
-    def density_at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+    def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Densities in persons/m² on segments in a slot of one of the crowds."""
-        return self.known_density[crowd, segment, slot]
+        return self.known_density[future, segment, slot]
 
-    def densities(self, crowd: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
+    def densities(self, future: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
         """One segment's densities in persons/m² in one of the crowds."""
-        return self.known_density[crowd, segment]
+        return self.known_density[future, segment]
 
     @property
-    def known_density(self) -> Float[Array, "*crowd segment slot"]:
+    def known_density(self) -> Float[Array, "*future segment slot"]:
         """Densities in persons/m².
 
         Raises
@@ -68,10 +68,10 @@ class SpeedField(eqx.Module):
         return self.density
 
     def through(
-        self, crowd: Int[Array, ""], segment: Int[Array, ""]
+        self, future: Int[Array, ""], segment: Int[Array, ""]
     ) -> tuple[Float[Array, " slot"], Float[Array, " slot"]]:
         """One segment's speeds in one of the crowds, and how far one gets in them."""
-        return self.speed[crowd, segment], self.covered[crowd, segment]
+        return self.speed[future, segment], self.covered[future, segment]
 
 
 class SensedSpeeds(eqx.Module):
@@ -80,8 +80,8 @@ class SensedSpeeds(eqx.Module):
     The same as a :class:`SpeedField` with a leading axis of crowds, but memory grows with sensors, not with segments.
     """
 
-    density: Float[Array, "crowd slot sensor"]  # persons/m² at the sensors
-    spread: Spread
+    density: Float[Array, "future slot sensor"]  # persons/m² at the sensors
+    weights: InterpolationWeights
     law: SpeedLaw
     slot_seconds: float = eqx.field(static=True)
 
@@ -95,44 +95,44 @@ class SensedSpeeds(eqx.Module):
         """Number of alternative crowds."""
         return self.density.shape[0]
 
-    def of(self, crowd: Int[Array, ""]) -> SpeedField:
+    def of(self, future: Int[Array, ""]) -> SpeedField:
         """One of the alternative crowds, worked out on all segments."""
-        density = self.spread.everywhere(self.density[crowd])
+        density = self.weights.everywhere(self.density[future])
         return speed_field(self.law.speed(density).T, self.slot_seconds, density.T)
 
-    def first(self, crowds: int | None = None, slots: int | None = None) -> "SensedSpeeds":
+    def first(self, futures: int | None = None, slots: int | None = None) -> "SensedSpeeds":
         """The first of the alternative crowds in the first slots; None: all of them."""
-        return replace(self, density=self.density[:crowds, :slots])
+        return replace(self, density=self.density[:futures, :slots])
 
-    def at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+    def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Speeds in m/s on segments in a slot of one of the crowds."""
-        return self.law.speed(self.density_at(crowd, segment, slot))
+        return self.law.speed(self.density_at(future, segment, slot))
 
-    def density_at(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+    def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Densities in persons/m² on segments in a slot of one of the crowds."""
-        near, weight = self.spread.sensor[segment], self.spread.weight[segment]
-        return jnp.sum(weight * self.density[crowd, slot, near], axis=-1)
+        near, weight = self.weights.sensor[segment], self.weights.weight[segment]
+        return jnp.sum(weight * self.density[future, slot, near], axis=-1)
 
     def through(
-        self, crowd: Int[Array, ""], segment: Int[Array, ""]
+        self, future: Int[Array, ""], segment: Int[Array, ""]
     ) -> tuple[Float[Array, " slot"], Float[Array, " slot"]]:
         """One segment's speeds in one of the crowds, and how far one gets in them."""
-        speed = self.law.speed(self.densities(crowd, segment))
+        speed = self.law.speed(self.densities(future, segment))
         return speed, covered_metres(speed, self.slot_seconds)
 
-    def densities(self, crowd: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
+    def densities(self, future: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
         """One segment's densities in persons/m² in one of the crowds."""
-        near, weight = self.spread.sensor[segment], self.spread.weight[segment]
-        return weight @ self.density[crowd, :, near]
+        near, weight = self.weights.sensor[segment], self.weights.weight[segment]
+        return weight @ self.density[future, :, near]
 
 
 Speeds = SpeedField | SensedSpeeds
 
 
 def speed_field(
-    speed: Float[Array, "*crowd segment slot"],
+    speed: Float[Array, "*future segment slot"],
     slot_seconds: float,
-    density: Float[Array, "*crowd segment slot"] | None = None,
+    density: Float[Array, "*future segment slot"] | None = None,
 ) -> SpeedField:
     """Prepare speeds (m/s, positive) for crossing times; ``slot_seconds`` is the length of a slot."""
     return SpeedField(speed, covered_metres(speed, slot_seconds), slot_seconds, density)

@@ -42,21 +42,21 @@ class Waits(eqx.Module):
     phases: bool = eqx.field(static=True, default=True)  # whether lights have any; else all wait as long as in the mean
 
     def seconds(
-        self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
+        self, future: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]
     ) -> Float[Array, "*n"]:
         """Wait in s of those who come to segments at clocks, in one of the crowds."""
         if not self.phases:
-            return self.mean(crowd, segment, clock)
-        cycle, later = self.cycle[segment], jnp.mod(crowd * GOLDEN, 1.0) * HOUR
+            return self.mean(future, segment, clock)
+        cycle, later = self.cycle[segment], jnp.mod(future * GOLDEN, 1.0) * HOUR
         phase = jnp.mod(clock - later - self.offset[segment], cycle)
         red = jnp.where(phase < self.green[segment], 0.0, cycle - phase)
         lights = self.lights[segment]
         first = jnp.minimum(lights, 1.0)
-        return self._and_gaps(crowd, segment, clock, first * red + (lights - first) * self.mean_red(segment))
+        return self._and_gaps(future, segment, clock, first * red + (lights - first) * self.mean_red(segment))
 
-    def mean(self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def mean(self, future: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The same for those who do not know the phases of lights."""
-        return self._and_gaps(crowd, segment, clock, self.lights[segment] * self.mean_red(segment))
+        return self._and_gaps(future, segment, clock, self.lights[segment] * self.mean_red(segment))
 
     def on(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "Waits":
         """The same on pieces of the segments; only the first piece of each has something to wait for."""
@@ -75,14 +75,18 @@ class Waits(eqx.Module):
         return (cycle - self.green[segment]) ** 2 / (2 * cycle)
 
     def _and_gaps(
-        self, crowd: Int[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"], at_lights: Float[Array, "*n"]
+        self,
+        future: Int[Array, ""],
+        segment: Int[Array, "*n"],
+        clock: Float[Array, "*n"],
+        at_lights: Float[Array, "*n"],
     ) -> Float[Array, "*n"]:
         # Gaps come after the lights, or of those who leave a light together the last to come would be the first to go.
-        return at_lights + self.unsignalised[segment] * self._delay(crowd, clock + at_lights)
+        return at_lights + self.unsignalised[segment] * self._delay(future, clock + at_lights)
 
-    def _delay(self, crowd: Int[Array, ""], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def _delay(self, future: Int[Array, ""], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
         # Straight from the middle of one hour to the middle of the next.
-        hour = self.start[crowd % self.start.shape[0]] + clock / HOUR - 0.5
+        hour = self.start[future % self.start.shape[0]] + clock / HOUR - 0.5
         before = jnp.floor(hour)
         part, before = hour - before, before.astype(jnp.int32)
         rate = (1 - part) * self.vehicles[before % DAY_HOURS] + part * self.vehicles[(before + 1) % DAY_HOURS]
