@@ -166,7 +166,7 @@ class Outcome(eqx.Module):
 
 def walking_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
     """Speeds on every segment from the people on it; ``densities`` are kept only where they are asked for."""
-    if isinstance(flow, SensedField):
+    if flow.interpolated:
         return SensedSpeeds(flow.sensed, flow.weights, law, flow.slot_seconds)
     return dense_speeds(network, flow, law, densities=densities)
 

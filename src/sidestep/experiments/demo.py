@@ -47,6 +47,9 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     picture = out / "map.png"
     title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
     plotting.save(
-        plotting.crowded_map(title, params, np.asarray(scenario_map.flow.expected(1).counted[0]), shown), picture
+        plotting.crowded_map(
+            title, params, np.asarray(scenario_map.flow.expected(scenario_map.hours, 1).counted[0, 0]), shown
+        ),
+        picture,
     )
     return Demonstration(comparison, darp, picture)

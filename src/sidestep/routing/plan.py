@@ -153,8 +153,8 @@ class _World:
             slots *= 2
 
     def _seen(self, planner: Planner, params: EnvParams, slots: int) -> EnvParams:
-        slots, forecasts = min(slots, self.scenario.slots), planner.name != Snapshot.name
-        return see_counts(self.scenario, self.trip.place.flow, params, slots, forecasts=forecasts)
+        place, slots, forecasts = self.trip.place, min(slots, self.scenario.slots), planner.name != Snapshot.name
+        return see_counts(self.scenario, place.flow, place.hours, params, slots, forecasts=forecasts)
 
     def _plan(self, planner: Planner, params: EnvParams, todo: Instance) -> Plan:
         """Only hindsight plans otherwise for another future."""

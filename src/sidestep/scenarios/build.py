@@ -17,8 +17,9 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from sidestep.crowds.counts import CountTable, load_auckland, read_counts
 from sidestep.crowds.crowd_table import CrowdTable, load_crowd_table
 from sidestep.crowds.interpolation import interpolation_weights
+from sidestep.crowds.live import CurrentCounts
 from sidestep.crowds.profile import hour_of_week
-from sidestep.crowds.sensors import Known, SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
+from sidestep.crowds.sensors import SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
 from sidestep.crowds.table import TableFlow
 from sidestep.files import cached_by_files
 from sidestep.network.formats import load_helsinki, load_town
@@ -111,8 +112,7 @@ def _sensed(venue: Venue, town: Town, network: RoadNetwork, slot_seconds: float)
     # Whoever passes in an hour is in sight of a metre of street for 1 / FREE_SPEED seconds.
     per_count = venue.crowding / (HOUR * FREE_SPEED * width)
     spread = interpolation_weights(network, segment, venue.reach)
-    start = jnp.asarray(venue.starts(1), jnp.float32)
-    flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), start, slot_seconds, None, venue.uneven)
+    flow = SensorFlow(model, spread, jnp.asarray(per_count, jnp.float32), slot_seconds, None, venue.uneven)
     return flow, eqx.tree_at(lambda f: f.record, flow, jnp.asarray(record), is_leaf=_none)
 
 
@@ -169,15 +169,15 @@ def in_several_places(
     model: SensorModel, record: Float[np.ndarray, "week 168 sensor"], stands: list[Int[np.ndarray, " stand"]]
 ) -> tuple[SensorModel, Float[np.ndarray, "week 168 every"]]:
     """Sensors that stand in several places have innovations and recorded weeks of their own in each of them."""
-    factor = np.asarray(model.together, np.float64)
+    factor = np.asarray(model.cholesky, np.float64)
     correlation = factor @ factor.T
     together = block_diag(*(cholesky_factor(correlation[np.ix_(some, some)]) for some in stands))
     every = np.concatenate(stands)
     several = SensorModel(
-        model.usual[:, every],
+        model.expected[:, every],
         model.weekly[every],
-        model.deviation[:, every],
-        model.memory[every],
+        model.sigma[:, every],
+        model.phi[every],
         jnp.asarray(together, jnp.float32),
     )
     later = len(record) / len(stands)
@@ -214,11 +214,11 @@ def with_live_counts(venue: Venue, flow: SensorFlow, table: CountTable, departur
     known = int(np.isfinite(last).sum())
     if not known:
         raise ScenarioError(f"{table.source}: nothing was counted in the last hour, from {counted}:00")
-    usual = np.asarray(flow.model.usual)[hour_of_week(table.times[-1:])[0]]
+    usual = np.asarray(flow.model.expected)[hour_of_week(table.times[-1:])[0]]
     since = (np.datetime64(departure, "s") - counted.astype("datetime64[s]")).astype(float) / HOUR - 0.5
     residual = np.log1p(last)[np.concatenate(places_of(sensors, venue.places))] - usual
-    counts = Known(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
-    return replace(flow, known=counts, record=None), known
+    counts = CurrentCounts(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
+    return replace(flow, current=counts, record=None), known
 
 
 def _none(leaf: object) -> bool:

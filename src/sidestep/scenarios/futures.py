@@ -43,7 +43,17 @@ def make_environment(
     plain, objective = _apart(scenario)
     keep = densities or objective is not None
     return _environment(
-        plain, objective, scenario_map.network, flow, scenario_map.waits, key, futures, level, nodes, densities=keep
+        plain,
+        objective,
+        scenario_map.network,
+        flow,
+        scenario_map.hours,
+        scenario_map.waits,
+        key,
+        futures,
+        level,
+        nodes,
+        densities=keep,
     )
 
 
@@ -55,7 +65,7 @@ def sample_futures(
 ) -> Futures:
     """Other futures for a training, those of renewal ``number``, counted from 1."""
     key = _future_key(scenario_map, "learn", number)
-    return _futures(_apart(scenario)[0], scenario_map.flow, params, key, futures)
+    return _futures(_apart(scenario)[0], scenario_map.flow, scenario_map.hours, params, key, futures)
 
 
 def _apart(scenario: Scenario) -> tuple[Scenario, Objective | None]:
@@ -94,6 +104,7 @@ def _environment(
     objective: Objective | None,
     network: RoadNetwork,
     flow: FlowModel,
+    hours: Float[Array, " hour"],
     waits: Waits | None,
     key: Key[Array, ""],
     futures: int,
@@ -102,7 +113,7 @@ def _environment(
     *,
     densities: bool,
 ) -> EnvParams:
-    expected = walking_speeds(network, _expected(flow, scenario.slots), LAWS[scenario.law], densities=densities)
+    expected = walking_speeds(network, flow.expected(hours, scenario.slots), LAWS[scenario.law], densities=densities)
     params = EnvParams(
         network=network,
         futures=expected,
@@ -121,25 +132,35 @@ def _environment(
             .set(True)
         )
         params = replace(params, usual=expected_cost_to_go(params, where))
-    drawn, live = _futures(scenario, flow, params, key, futures)
+    drawn, live = _futures(scenario, flow, hours, params, key, futures)
     return replace(params, futures=drawn, live=live)
 
 
 @partial(jax.jit, static_argnames=("scenario", "futures"))
-def _futures(scenario: Scenario, flow: FlowModel, params: EnvParams, key: Key[Array, ""], futures: int) -> Futures:
+def _futures(
+    scenario: Scenario,
+    flow: FlowModel,
+    hours: Float[Array, " hour"],
+    params: EnvParams,
+    key: Key[Array, ""],
+    futures: int,
+) -> Futures:
     """Speeds of possible futures and, at level ``live``, what can be worked out from their counts."""
     forecast = scenario.flows == "forecast"
-    drawn = _expected(flow, scenario.slots) if forecast else flow.draw(key, futures, scenario.slots)
+    each = hours[jnp.arange(futures) % hours.shape[0]]
+    drawn = flow.expected(hours, scenario.slots) if forecast else flow.draw(key, each, scenario.slots)
     densities = params.expected.density is not None
     speeds = walking_speeds(params.network, drawn, LAWS[scenario.law], densities=densities)
     if params.level != "live":
         return speeds, None
-    return speeds, _live(scenario, flow, replace(params, futures=speeds), drawn)
+    return speeds, _live(scenario, flow, hours, replace(params, futures=speeds), drawn)
 
 
-def _live(scenario: Scenario, flow: FlowModel, params: EnvParams, drawn: Field) -> LiveCostToGo:
+def _live(
+    scenario: Scenario, flow: FlowModel, hours: Float[Array, " hour"], params: EnvParams, drawn: Field
+) -> LiveCostToGo:
     def ahead(now: Float[Array, " counter"], slot: Int[Array, ""], future: Int[Array, ""]) -> SpeedField:
-        foreseen = drawn.with_counted(flow.ahead(now, slot, WINDOW, future))
+        foreseen = drawn.with_counted(flow.ahead(now, hours[future % hours.shape[0]], slot, WINDOW))
         return dense_speeds(params.network, foreseen, LAWS[scenario.law], densities=params.objective is not None)
 
     return live_cost_to_go(params, drawn.counted, ahead)
@@ -147,7 +168,13 @@ def _live(scenario: Scenario, flow: FlowModel, params: EnvParams, drawn: Field) 
 
 @partial(jax.jit, static_argnames=("scenario", "slots", "forecasts"))
 def see_counts(
-    scenario: Scenario, flow: FlowModel, params: EnvParams, slots: int, *, forecasts: bool = True
+    scenario: Scenario,
+    flow: FlowModel,
+    hours: Float[Array, " hour"],
+    params: EnvParams,
+    slots: int,
+    *,
+    forecasts: bool = True,
 ) -> EnvParams:
     """The same crowds for walkers of level ``live``, who are shown counts and forecasts of the first slots only.
 
@@ -156,13 +183,7 @@ def see_counts(
     at them. ``params`` is of level ``map`` at least, and its crowds have their densities.
     """
     shown = replace(params, futures=params.futures.first(slots=slots))
-    live = _live(scenario, flow, shown, field_of(params.network, shown.futures))
+    live = _live(scenario, flow, hours, shown, field_of(params.network, shown.futures))
     if not forecasts:  # the compiler then leaves out what they take
         live = LiveCostToGo(jnp.zeros_like(live.forecast), live.snapshot)
     return replace(params, live=live, level="live")
-
-
-def _expected(flow: FlowModel, slots: int) -> Field:
-    """Expected crowds with a leading axis of one or more."""
-    field = flow.expected(slots)
-    return field if field.counted.ndim == 3 else field.with_counted(field.counted[None])

@@ -8,14 +8,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Float, Key
 
-from sidestep.crowds.arima import change_step, load_fitted
-from sidestep.crowds.base import ArimaFlow, FlowModel
-from sidestep.crowds.interpolation import InterpolationWeights
+from sidestep.crowds.arima import ArimaFlow, change_step, load_fitted
+from sidestep.crowds.base import FlowModel
 from sidestep.crowds.rush import RushFlow, ShiftingFlow
-from sidestep.crowds.sensors import SensorFlow
-from sidestep.crowds.table import TableFlow
 from sidestep.network.graph import RoadNetwork, disjoint_union
 from sidestep.network.grid import grid_network
 from sidestep.network.splice import Spliced
@@ -41,6 +38,7 @@ class ScenarioMap(eqx.Module):
     origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where walks begin; none: anywhere
     ends: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where they end; none: anywhere
     waits: Waits | None = None  # at lights and for gaps in the traffic
+    hours: Float[Array, " hour"] = eqx.field(default_factory=lambda: jnp.zeros(1))  # of the week at clock 0, by goal
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
@@ -49,35 +47,15 @@ class ScenarioMap(eqx.Module):
     def beginning(self, starts: list[float]) -> "ScenarioMap":
         """The same place with clock 0 at these hours of the week, for one goal each."""
         start = jnp.asarray(starts, jnp.float32)
-        recorded = None if self.recorded is None else _starting(self.recorded, start)
         waits = None if self.waits is None else replace(self.waits, start=start)
-        return replace(self, flow=_starting(self.flow, start), recorded=recorded, waits=waits)
+        return replace(self, hours=start, waits=waits)
 
     def spliced(self, streets: Spliced) -> "ScenarioMap":
         """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
         parent, share = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
-        flow = _on_pieces(self.flow, parent, share)
+        flow = self.flow.on_pieces(parent, share)
         waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole))
-        return ScenarioMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
-
-
-def knows_time(flow: FlowModel) -> bool:
-    """Whether crowds depend on the hour of the week."""
-    return isinstance(flow, SensorFlow) or (isinstance(flow, TableFlow) and flow.start is not None)
-
-
-def _starting(flow: FlowModel, start: Float[Array, " goal"]) -> FlowModel:
-    """The same crowds from other hours of the week on, if they know the time."""
-    return replace(flow, start=start) if knows_time(flow) else flow  # type: ignore[type-var]
-
-
-def _on_pieces(flow: FlowModel, parent: Int[Array, " piece"], share: Float[Array, " piece"]) -> FlowModel:
-    """The same crowds, as dense, on pieces of the segments; ``share`` is how long these are in parts of the whole."""
-    if isinstance(flow, TableFlow):  # of the persons on a segment, each piece has as large a share as of its length
-        return replace(flow, usual=flow.usual[:, parent] * share)
-    if isinstance(flow, SensorFlow):
-        return replace(flow, weights=InterpolationWeights(flow.weights.sensor[parent], flow.weights.weight[parent]))
-    return flow
+        return ScenarioMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits, hours=self.hours)
 
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
@@ -95,6 +73,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
             town.origins,
             town.destinations,
             town.waits,
+            jnp.asarray(scenario.venue.starts(1), jnp.float32),
         )
     key = _key(seed, index)
     streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))
@@ -177,9 +156,11 @@ def _scenario_map(scenario: Scenario, maps: list[_Streets], key: Key[Array, ""])
 def fingerprint(scenario_map: ScenarioMap) -> str:
     """The same for the same streets with the same usual crowds, whatever the speed law, and for no others."""
     digest = hashlib.sha256(
-        str(jax.tree.structure((scenario_map.network, scenario_map.flow, scenario_map.waits))).encode()
+        str(
+            jax.tree.structure((scenario_map.network, scenario_map.flow, scenario_map.waits, scenario_map.hours))
+        ).encode()
     )
-    for leaf in jax.tree.leaves((scenario_map.network, scenario_map.flow, scenario_map.waits)):
+    for leaf in jax.tree.leaves((scenario_map.network, scenario_map.flow, scenario_map.waits, scenario_map.hours)):
         digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
     return digest.hexdigest()[:16]
 

@@ -123,9 +123,8 @@ def table_flow(venue: Venue, table: CrowdTable, network: RoadNetwork, *, slot_se
     volume[:, table.segment], _ = _volumes(table, network, law)
     memory, deviation = venue.noise
     begins = None if table.begins is None else time_of_week(table.begins)
-    start = None if begins is None else jnp.asarray(venue.starts(1), jnp.float32)
-    usual = jnp.asarray(venue.crowding * volume, jnp.float32)
-    flow = TableFlow(usual, table.slot_seconds, memory, deviation, slot_seconds, begins, start)
+    expected = jnp.asarray(venue.crowding * volume, jnp.float32)
+    flow = TableFlow(expected, table.slot_seconds, memory, deviation, slot_seconds, begins)
     for hour in (24 * day + hour for day in sorted(set(venue.days)) for hour in range(*venue.hours)):
         if not flow.covers(hour) and table.begins is not None:
             raise ScenarioError(
