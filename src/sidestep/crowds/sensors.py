@@ -147,8 +147,9 @@ class SensorFlow(eqx.Module):
     """Crowds as sensors would count them.
 
     With ``current``, simulated crowds go on from current counts; sensors without one begin anywhere. With ``record``,
-    weeks are not simulated: each crowd is one of the recorded ones. ``uneven`` is how much, beyond that, every future's demand differs from
-    place to place: by a lognormal factor of mean 1 at each sensor, the standard deviation of whose logarithm it is.
+    weeks are not simulated: each future is one of the recorded ones. ``uneven`` is how much, beyond that, every
+    future's demand differs from place to place: by a lognormal factor of mean 1 at each sensor, the standard deviation
+    of whose logarithm it is.
     """
 
     model: SensorModel
