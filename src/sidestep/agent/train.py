@@ -164,7 +164,7 @@ def learned_place(config: TrainConfig, scenario: Scenario, scenario_map: Scenari
     TrainConfigError
         Fresh crowds that would begin at the hours of other goals than those whose crowds they replace.
     """
-    if scenario.venue is not None and config.fresh_futures % config.destinations:
+    if scenario.place.anywhere and config.fresh_futures % config.destinations:
         raise TrainConfigError(
             f"each goal has hours of its own, so goals must divide the {config.fresh_futures} fresh crowds, "
             f"and {config.destinations} will not do"
@@ -236,7 +236,7 @@ def fresh_network(config: TrainConfig, scenario: Scenario, network: RoadNetwork,
         network,
         key,
         level=config.level,
-        sensed=scenario.sensed,
+        sensed=scenario.place.interpolated,
         hidden=config.hidden,
         places=config.places,
         bins=1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS),

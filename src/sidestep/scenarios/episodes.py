@@ -7,9 +7,10 @@ from jaxtyping import Array, Int
 
 from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.scenarios.build import check_ways
 from sidestep.scenarios.maps import ScenarioMap
-from sidestep.scenarios.model import Scenario, ScenarioError
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.stations import check_ways
 from sidestep.walking.waits import GOLDEN
 
 
@@ -35,14 +36,17 @@ def destinations_of(scenario_map: ScenarioMap, destinations: int) -> Int[np.ndar
     ScenarioError
         More than there are.
     """
-    if not scenario_map.ends:
+    if not scenario_map.destinations:
         spared = _only_origin(scenario_map)
         if not spared:
             return standard_destinations(scenario_map.parts, destinations)
         # Nobody walks to where all walks begin.
         every = standard_destinations(scenario_map.parts, scenario_map.network.nodes - 1)
         return _some(every[~np.isin(every[:, 0], spared)], destinations)
-    return _some(np.random.default_rng(len(scenario_map.ends)).permutation(scenario_map.ends)[:, None], destinations)
+    return _some(
+        np.random.default_rng(len(scenario_map.destinations)).permutation(scenario_map.destinations)[:, None],
+        destinations,
+    )
 
 
 def _some(every: Int[np.ndarray, "any part"], destinations: int) -> Int[np.ndarray, "goal part"]:
@@ -65,10 +69,10 @@ def set_out(
     ScenarioError
         A venue where somebody may come to a crossing from which there is no way on.
     """
-    if scenario.venue is None:
+    if not scenario.place.anywhere:
         return scenario_map
-    check_ways(scenario_map.network, scenario_map.origins, scenario_map.ends)
-    return scenario_map.beginning(scenario.venue.starts(len(destinations), first))
+    check_ways(scenario_map.network, scenario_map.origins, scenario_map.destinations)
+    return scenario_map.at_departure_hours(scenario.place.departure_hours(len(destinations), first))
 
 
 def anywhere_to_anywhere(scenario_map: ScenarioMap, walks: int, part: int) -> Int[np.ndarray, "goal 1"]:
@@ -80,7 +84,7 @@ def anywhere_to_anywhere(scenario_map: ScenarioMap, walks: int, part: int) -> In
     if walks > nodes - 1:
         raise ScenarioError(f"there cannot be {walks} different destinations among {nodes} nodes")
     rng = np.random.default_rng([*np.asarray(jax.random.key_data(scenario_map.key)).tolist(), part])
-    among = rng.permutation(scenario_map.ends or nodes)
+    among = rng.permutation(scenario_map.destinations or nodes)
     return among[~np.isin(among, _only_origin(scenario_map))][:walks, None]
 
 
@@ -110,7 +114,7 @@ def sampler(
     first = np.cumsum((0, *scenario_map.parts[:-1]))
     # Both have as many candidates, so that training from either is the same compiled program.
     elsewhere = np.stack([np.setdiff1d(np.arange(len(part)), of_goal) for of_goal in destinations])
-    begins = elsewhere if anywhere or scenario_map.ends else first[part[elsewhere]]
+    begins = elsewhere if anywhere or scenario_map.destinations else first[part[elsewhere]]
     if scenario_map.origins:
         begins = elsewhere = _origins(scenario_map, destinations)[0]
     return InstanceSampler(
@@ -136,7 +140,7 @@ def instances(
     origins or destinations of its own has no other walks. Departures are spread evenly by the golden ratio, and walks
     take the parts of the map in turn.
     """
-    if destinations is None and (scenario_map.origins or scenario_map.ends):
+    if destinations is None and (scenario_map.origins or scenario_map.destinations):
         destinations = destinations_of(scenario_map, 1)
     number = first + np.arange(walks)
     begins = np.cumsum((0, *scenario_map.parts))

@@ -12,11 +12,13 @@ from sidestep.crowds.base import Field, FlowModel
 from sidestep.environment.knowledge import WINDOW, expected_cost_to_go, live_cost_to_go
 from sidestep.environment.types import EnvParams, Information, LiveCostToGo, dense_speeds, field_of, walking_speeds
 from sidestep.network.graph import RoadNetwork
+from sidestep.scenarios.build import objective_of, reward_of
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import Purpose, ScenarioMap, purpose_key
-from sidestep.scenarios.model import LAWS, Scenario
+from sidestep.scenarios.model import ObjectiveSpec, Scenario
 from sidestep.walking.objective import Objective
 from sidestep.walking.speed_field import SensedSpeeds, SpeedField, Speeds
+from sidestep.walking.speed_laws import LAWS
 from sidestep.walking.waits import Waits
 
 
@@ -70,7 +72,7 @@ def sample_futures(
 
 def _apart(scenario: Scenario) -> tuple[Scenario, Objective | None]:
     """The scenario without its objective, and this: programs need not be compiled anew for other weights."""
-    return replace(scenario, objective=None), scenario.objective
+    return scenario.changed(objective=ObjectiveSpec()), objective_of(scenario.objective)
 
 
 def replace_futures(params: EnvParams, futures: Futures, first: Int[Array, ""]) -> EnvParams:
@@ -119,7 +121,7 @@ def _environment(
         futures=expected,
         expected=expected,
         horizon=jnp.float32(scenario.horizon),
-        reward=scenario.reward,
+        reward=reward_of(scenario.reward),
         rule=scenario.rule,
         level=level,
         objective=objective,
