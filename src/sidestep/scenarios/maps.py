@@ -5,7 +5,7 @@ import hashlib
 import reprlib
 from dataclasses import replace
 from datetime import datetime
-from typing import Literal, Self, get_args
+from typing import Literal, get_args
 
 import equinox as eqx
 import jax
@@ -59,13 +59,13 @@ class ScenarioMap(eqx.Module):
         """The crowds that walks of one purpose meet."""
         return self.test_flow if purpose == "test" else self.flow
 
-    def at_departure_hours(self, hours: list[float]) -> Self:
+    def at_departure_hours(self, hours: list[float]) -> "ScenarioMap":
         """The same map with clock 0 at these hours of the week, one for each destination."""
         start = jnp.asarray(hours, jnp.float32)
         waits = None if self.waits is None else replace(self.waits, start=start)
         return replace(self, hours=start, waits=waits)
 
-    def on_pieces(self, streets: Spliced) -> Self:
+    def on_pieces(self, streets: Spliced) -> "ScenarioMap":
         """The same map with some streets split and the same crowds on all their pieces, for walks from anywhere."""
         parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
         flow = self.flow.on_pieces(parent, fraction)
