@@ -13,7 +13,7 @@ from sidestep.planners.registry import BASELINE, BASELINES, BOUND, REFERENCE, RE
 from sidestep.plotting import TradeOffPoint
 from sidestep.scenarios.build import town_of
 from sidestep.scenarios.model import Scenario
-from sidestep.walking.objective import Objective
+from sidestep.walking.objective import WeightedObjective
 
 WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # s for each person·s/m²
 WALKS = 20
@@ -96,7 +96,7 @@ def trade_off(
         raise SidestepError(f"weights of exposure must all be different, not {weights}")
     every = choose(names, {**BASELINES, **REPLANNING})
     chosen = {name: factory for name, factory in every.items() if name in (*names, REFERENCE)}
-    base = scenario.objective or Objective()
+    base = scenario.objective or WeightedObjective()
     problems = {weight: replace(scenario, objective=replace(base, exposure=weight)) for weight in sorted(weights)}
     curves: dict[str, list[TradeOffPoint]] = {name: [] for name in names}
     shortest: list[TradeOffPoint] = []

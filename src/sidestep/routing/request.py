@@ -166,7 +166,7 @@ def read_departure(text: str | None, venue: Venue, *, timed: bool = True) -> Dep
             f"{Path(venue.counts).name} has slots without times, so all walks set out as it begins; leave out --depart"
         )
     if text is None:
-        return Departure(venue.starts(1)[0])
+        return Departure(venue.departure_hours(1)[0])
     try:
         time = datetime.fromisoformat(text.strip())
     except ValueError:
@@ -224,7 +224,6 @@ def prepare(
     here, counted = place.spliced(streets), None
     if departure.hour is not None:
         _check_covered(place.flow, departure.hour, departure.text, venue)
-        here = here.beginning([departure.hour])
     if counts is not None:
         if not isinstance(here.flow, SensorFlow):
             raise RouteError(f"--live takes counts of sensors, but the crowds of {scenario.name} come from a table")

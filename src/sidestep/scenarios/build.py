@@ -26,14 +26,20 @@ from sidestep.network.formats import load_helsinki, load_town
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.town import Town, TownError
-from sidestep.scenarios.model import Law, Place, ScenarioError, Sensor, Venue
+from sidestep.scenarios.model import Law, Place, Scenario, ScenarioError, Sensor, Venue
 from sidestep.scenarios.tables import table_flow
+from sidestep.walking.objective import TravelTime, WeightedObjective
 from sidestep.walking.speed_laws import FREE_SPEED
-from sidestep.walking.waits import Waits
+from sidestep.walking.waits import NoWaits, Waits
 
 HOUR = 3600.0
 APART = 150.0  # m between sensors that are paired with streets, as far as there is room
 STEPS = "steps"
+
+
+def objective_of(scenario: Scenario) -> TravelTime | WeightedObjective:
+    """What walkers keep low in a scenario."""
+    return TravelTime() if scenario.objective is None else scenario.objective
 
 
 class TownCrowds(eqx.Module):
@@ -44,7 +50,7 @@ class TownCrowds(eqx.Module):
     recorded: SensorFlow | None
     origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes; none: anywhere
     destinations: tuple[int, ...] = eqx.field(static=True, default=())
-    waits: Waits | None = None
+    waits: Waits | NoWaits = NoWaits()
 
 
 @cached_by_files(lambda streets: (streets,))
@@ -124,7 +130,7 @@ DAY_OF_TRAFFIC = (
 )  # fmt: skip
 
 
-def waits_of(town: Town, venue: Venue) -> Waits | None:
+def waits_of(town: Town, venue: Venue) -> Waits | NoWaits:
     """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike.
 
     Raises
@@ -134,7 +140,7 @@ def waits_of(town: Town, venue: Venue) -> Waits | None:
     """
     traffic = venue.traffic
     if traffic is None:
-        return None
+        return NoWaits()
     street, _ = town.street_of_segment()
     signals, every = town.signals.copy(), np.ones(town.streets)
     drawn = np.random.default_rng([traffic.seed, town.streets]).uniform(0, traffic.cycle, town.streets)
@@ -150,8 +156,7 @@ def waits_of(town: Town, venue: Venue) -> Waits | None:
         jnp.asarray(each[street], jnp.float32) for each in (signals, unsignalised, *timing)
     )
     vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
-    start = jnp.asarray(venue.starts(1), jnp.float32)
-    return Waits(lights, others, cycle, green, offset, vehicles, start, traffic.critical_gap)
+    return Waits(lights, others, cycle, green, offset, vehicles, traffic.critical_gap)
 
 
 def sensors_of(venue: Venue) -> tuple[Sensor, ...]:

@@ -1,14 +1,14 @@
 """Maps of a scenario, drawn from a seed: streets, and the crowds that are usual on them."""
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
 from sidestep.crowds.arima import ArimaFlow, change_step, load_fitted
 from sidestep.crowds.base import FlowModel
@@ -18,7 +18,7 @@ from sidestep.network.grid import grid_network
 from sidestep.network.splice import Spliced
 from sidestep.scenarios.build import town_crowds
 from sidestep.scenarios.model import Scenario, ScenarioError
-from sidestep.walking.waits import Waits
+from sidestep.walking.waits import NoWaits, Waits
 
 Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
@@ -36,26 +36,19 @@ class ScenarioMap(eqx.Module):
     parts: tuple[int, ...] = eqx.field(static=True)
     recorded: FlowModel | None = None  # what walks are tested on, where that was counted and is not simulated
     origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where walks begin; none: anywhere
-    ends: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where they end; none: anywhere
-    waits: Waits | None = None  # at lights and for gaps in the traffic
-    hours: Float[Array, " hour"] = eqx.field(default_factory=lambda: jnp.zeros(1))  # of the week at clock 0, by goal
+    destinations: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where they end; none: anywhere
+    waits: Waits | NoWaits = NoWaits()  # at lights and for gaps in the traffic
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
         return self.recorded if self.recorded is not None and purpose == "test" else self.flow
 
-    def beginning(self, starts: list[float]) -> "ScenarioMap":
-        """The same place with clock 0 at these hours of the week, for one goal each."""
-        start = jnp.asarray(starts, jnp.float32)
-        waits = None if self.waits is None else replace(self.waits, start=start)
-        return replace(self, hours=start, waits=waits)
-
     def spliced(self, streets: Spliced) -> "ScenarioMap":
         """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
         parent, share = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
         flow = self.flow.on_pieces(parent, share)
-        waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole))
-        return ScenarioMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits, hours=self.hours)
+        waits = self.waits.on_pieces(parent, jnp.asarray(streets.begins_whole))
+        return ScenarioMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
 
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
@@ -73,7 +66,6 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
             town.origins,
             town.destinations,
             town.waits,
-            jnp.asarray(scenario.venue.starts(1), jnp.float32),
         )
     key = _key(seed, index)
     streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))
@@ -156,11 +148,9 @@ def _scenario_map(scenario: Scenario, maps: list[_Streets], key: Key[Array, ""])
 def fingerprint(scenario_map: ScenarioMap) -> str:
     """The same for the same streets with the same usual crowds, whatever the speed law, and for no others."""
     digest = hashlib.sha256(
-        str(
-            jax.tree.structure((scenario_map.network, scenario_map.flow, scenario_map.waits, scenario_map.hours))
-        ).encode()
+        str(jax.tree.structure((scenario_map.network, scenario_map.flow, scenario_map.waits))).encode()
     )
-    for leaf in jax.tree.leaves((scenario_map.network, scenario_map.flow, scenario_map.waits, scenario_map.hours)):
+    for leaf in jax.tree.leaves((scenario_map.network, scenario_map.flow, scenario_map.waits)):
         digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
     return digest.hexdigest()[:16]
 

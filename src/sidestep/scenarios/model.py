@@ -12,7 +12,7 @@ from sidestep.environment.types import LEVELS, Information, RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.network.grid import LENGTHS
 from sidestep.walking.crossing_time import CROSSING_RULES, CrossingRule
-from sidestep.walking.objective import Objective
+from sidestep.walking.objective import WeightedObjective
 from sidestep.walking.speed_laws import Aoki, SpeedLaw, Weidmann
 
 Flows = Literal["arima", "forecast"]
@@ -192,7 +192,7 @@ class Venue:
         """Whether crowds come from a table of all segments, not from sensors."""
         return self.counts.lower().endswith(".npz")
 
-    def starts(self, number: int, first: int = 0) -> list[float]:
+    def departure_hours(self, number: int, first: int = 0) -> list[float]:
         """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out.
 
         Minutes are spread by the golden ratio; by that same number each weekday would have minutes of its own.
@@ -234,7 +234,7 @@ class Scenario:
     law: Law = "power"  # literal: above free speed where there is less than a person per m²
     rule: CrossingRule = "integrated"
     reward: RewardWeights = field(default_factory=RewardWeights)
-    objective: Objective | None = None  # what walkers keep low; None: time
+    objective: WeightedObjective | None = None  # what walkers keep low; None: time
     rush: RushHours | None = None  # instead of the ARIMA model
     venue: Venue | None = None  # instead of a grid and its crowds
     departures: tuple[float, float] = (0.0, 0.0)  # s, earliest and latest
@@ -301,6 +301,15 @@ class Scenario:
             raise ScenarioError("time or distance needs a weight: by exposure alone all empty ways are the same")
         if wanted.max_density is not None and not 0 < wanted.max_density < math.inf:
             raise ScenarioError(f"max_density must be a positive number of persons/m², not {wanted.max_density}")
+
+    @property
+    def place(self) -> "Venue | Scenario":
+        """Where it plays."""
+        return self.venue or self
+
+    def departure_hours(self, number: int, _first: int = 0) -> list[float]:
+        """Hours of the week at which people set out; grids know none."""
+        return [0.0] * number
 
     @property
     def crowd_model(self) -> str:

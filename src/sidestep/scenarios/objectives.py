@@ -3,21 +3,21 @@
 from dataclasses import fields
 
 from sidestep.scenarios.model import ScenarioError
-from sidestep.walking.objective import Objective
+from sidestep.walking.objective import WeightedObjective
 
 # Exposure counts a hundredth of time as well: ways on which nobody is met would otherwise all be the same.
 WORDS = {
     "time": None,
-    "distance": Objective(time=0.0, distance=1.0),
-    "exposure": Objective(time=0.01, exposure=1.0),
+    "distance": WeightedObjective(time=0.0, distance=1.0),
+    "exposure": WeightedObjective(time=0.01, exposure=1.0),
 }
-WEIGHTS = tuple(field.name for field in fields(Objective))
+WEIGHTS = tuple(field.name for field in fields(WeightedObjective))
 
 
-def read_objective(text: str) -> Objective | None:
+def read_objective(text: str) -> WeightedObjective | None:
     """``time``, ``distance``, ``exposure``, or weights such as ``exposure=0.5,max_density=4``; None is time alone.
 
-    Time has a weight of 1 unless another is given. :class:`sidestep.walking.objective.Objective` has the units.
+    Time has a weight of 1 unless another is given. :class:`sidestep.walking.objective.WeightedObjective` has the units.
 
     Raises
     ------
@@ -38,9 +38,9 @@ def read_objective(text: str) -> Objective | None:
             weights[name] = float(value)
         except ValueError as error:
             raise ScenarioError(f"objective: {name} must be a number, not {value!r:.40}") from error
-    return only_time(Objective(**weights))
+    return only_time(WeightedObjective(**weights))
 
 
-def only_time(objective: Objective) -> Objective | None:
+def only_time(objective: WeightedObjective) -> WeightedObjective | None:
     """The same, or None where it is time alone."""
-    return None if objective == Objective() else objective
+    return None if objective == WeightedObjective() else objective

@@ -17,7 +17,7 @@ from sidestep.scenarios.builtin import BUILT_IN, changed, scenario
 from sidestep.scenarios.model import DAYS, Light, Place, Scenario, ScenarioError, Sensor, Traffic, Venue
 from sidestep.scenarios.objectives import only_time, read_objective
 from sidestep.scenarios.toml_lines import Keys, line_of
-from sidestep.walking.objective import Objective
+from sidestep.walking.objective import WeightedObjective
 
 if TYPE_CHECKING:
     from sidestep.network.town import Town
@@ -198,7 +198,7 @@ class _Reader:
                 venue = replace(venue, traffic=Traffic(**dict(self._fields_of(table, given))))
             table = _WHOLE[1]
             if table in self.values:
-                wanted = only_time(Objective(**dict(self._fields_of(table, given))))
+                wanted = only_time(WeightedObjective(**dict(self._fields_of(table, given))))
                 problem = replace(problem, objective=wanted)
         except ScenarioError as error:
             raise self._blamed((table,), str(error), given) from error
