@@ -13,7 +13,7 @@ from jaxtyping import install_import_hook
 # To mypy an int is a float (PEP 484); beartype has to be told.
 install_import_hook("sidestep", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
-from sidestep.environment.types import EnvParams, Instance  # noqa: E402
+from sidestep.environment.types import EnvParams, Instance, futures_in_turn  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
 from sidestep.walking.crossing_time import CrossingRule  # noqa: E402
 from sidestep.walking.speed_field import SpeedField, speed_field  # noqa: E402
@@ -57,7 +57,10 @@ def constant_field() -> MakeField:
 
 @pytest.fixture(scope="session")
 def make_params() -> MakeParams:
-    """An environment in which one crowd, or several, meets the walkers, and one, by default the first, is expected."""
+    """An environment of one future or several, of which one, by default the first, is expected.
+
+    They are for as many destinations in turn as there are ``hours``.
+    """
 
     def make(
         network: RoadNetwork,
@@ -66,10 +69,11 @@ def make_params() -> MakeParams:
         *,
         horizon: float = 1e5,
         rule: CrossingRule = "integrated",
+        hours: tuple[float, ...] = (0.0,),
     ) -> EnvParams:
         several = futures if futures.speed.ndim == 3 else jax.tree.map(lambda leaf: leaf[None], futures)
-        usual = jax.tree.map(lambda leaf: leaf[:1] if expected is None else leaf[None], expected or several)
-        return EnvParams(network, several, usual, jnp.float32(horizon), rule=rule)
+        one = jax.tree.map(lambda leaf: leaf[:1] if expected is None else leaf[None], expected or several)
+        return EnvParams(network, futures_in_turn(several, jnp.array(hours)), one, jnp.float32(horizon), rule=rule)
 
     return make
 

@@ -1,6 +1,6 @@
 """Walking speeds on every segment in every slot: as a table, or worked out from counters where they are needed."""
 
-from typing import ClassVar, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -57,15 +57,15 @@ class Speeds(Protocol):
         """Densities in persons/m² on segments in a slot of one of the futures."""
         ...
 
-    def first(self, futures: int | None = None, slots: int | None = None) -> Self:
+    def first(self, futures: int | None = None, slots: int | None = None) -> "Speeds":
         """The first of the futures in the first slots; None: all of them."""
         ...
 
-    def replaced(self, speeds: Self, index: Int[Array, " new"], /) -> Self:
-        """The same with the futures of these numbers replaced by those of other ``speeds``."""
+    def replaced(self, speeds: Any, index: Int[Array, " new"], /) -> "Speeds":
+        """The same with the futures of these numbers replaced by those of other ``speeds`` of the same kind."""
         ...
 
-    def scaled(self, factor: float, /) -> Self:
+    def scaled(self, factor: float, /) -> "Speeds":
         """Speeds in crowds ``factor`` times as dense.
 
         Raises

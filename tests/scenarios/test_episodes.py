@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare, kstest
-
 from sidestep.environment.instances import DRAWS, InstanceSampler
+
 from sidestep.environment.types import Instance
 
 ALMOST_ONE = float(np.nextafter(np.float32(1), np.float32(0)))
