@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.crowds.base import FlowField, UntimedFlow
+from sidestep.crowds.base import FlowField, FlowModel
 from sidestep.errors import SidestepError
 
 _SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
@@ -182,7 +182,7 @@ def change_step(model: Arima, step: float) -> Arima:
 # --- Crowds on a network --------------------------------------------------------------------------------------------
 
 
-class ArimaFlow(UntimedFlow):
+class ArimaFlow(FlowModel):
     """The paper's crowds: every segment starts at its own volume and follows one fitted ARIMA model (section V-A).
 
     The power law gives zero time to a segment without people, so volumes are held at ``floor`` or more.

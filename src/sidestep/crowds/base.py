@@ -1,7 +1,8 @@
 """Crowds on a whole network: how many people are on each segment in each slot."""
 
+from abc import abstractmethod
 from dataclasses import replace
-from typing import ClassVar, Literal, Protocol, Self, runtime_checkable
+from typing import ClassVar, Literal
 
 import equinox as eqx
 from jaxtyping import Array, Float, Int, Key
@@ -35,7 +36,7 @@ class FlowField(eqx.Module):
         """Densities in persons/m² on all segments."""
         return self.volume / (network.length * network.width)
 
-    def with_counted(self, counted: Float[Array, "*future slot segment"]) -> Self:
+    def with_counted(self, counted: Float[Array, "*future slot segment"]) -> "FlowField":
         """A field with other volumes."""
         return replace(self, volume=counted)
 
@@ -71,7 +72,7 @@ class SensedField(eqx.Module):
         near = self.weights.of(segment)
         return near.weight @ self.sensed[future, :, near.sensor]
 
-    def with_counted(self, counted: Float[Array, "*future slot sensor"]) -> Self:
+    def with_counted(self, counted: Float[Array, "*future slot sensor"]) -> "SensedField":
         """A field with other densities at the sensors."""
         return replace(self, sensed=counted)
 
@@ -80,50 +81,43 @@ Field = FlowField | SensedField
 """Type checkers tell the two apart by ``interpolated``; both have ``counted``, ``density`` and ``with_counted``."""
 
 
-@runtime_checkable
-class FlowModel(Protocol):
+class FlowModel(eqx.Module):
     """A source of crowds for one network.
 
-    Hours are those of the week at clock 0; 0 is Monday 0:00. Models that are not ``timed`` ignore them.
+    ``hours`` are hours of the week at clock 0, one for each future; 0 is Monday 0:00. Models that are not ``timed``
+    ignore them.
     """
 
     @property
     def timed(self) -> bool:
         """Whether crowds depend on the hour of the week."""
-        ...
+        return False
 
-    def covers(self, hour: float) -> bool:
+    def covers(self, hour: float) -> bool:  # noqa: ARG002 - for models that are timed
         """Whether crowds are known at an hour of the week."""
-        ...
+        return True
 
+    @abstractmethod
     def expected(self, hours: Float[Array, " hour"], slots: int) -> Field:
         """Mean crowds, with a leading axis: one field for each hour, or a single one where the model is not timed."""
-        ...
 
+    @abstractmethod
     def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> Field:
         """Possible futures, one for each hour."""
-        ...
 
+    @abstractmethod
     def ahead(
         self, now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
     ) -> Float[Array, "slots counter"]:
-        """Mean counts of slot number ``slot`` and those after it, given the counts ``now`` of this slot."""
-        ...
+        """Mean counts in slot number ``slot`` and those after it, given the counts ``now`` in this slot."""
 
-    def on_pieces(self, parent: Int[Array, " piece"], fraction: Float[Array, " piece"]) -> Self:
-        """Crowds as dense on pieces of the segments, each a ``fraction`` of the length of its ``parent``."""
-        ...
+    def on_pieces(
+        self,
+        parent: Int[Array, " piece"],  # noqa: ARG002 - for models of streets that are split
+        fraction: Float[Array, " piece"],  # noqa: ARG002
+    ) -> "FlowModel":
+        """Crowds as dense on pieces of the segments, each a ``fraction`` of the length of its ``parent``.
 
-
-class UntimedFlow(eqx.Module):
-    """Base of the flow models of grids, which know no hours and whose segments are never split."""
-
-    @property
-    def timed(self) -> bool:
-        return False
-
-    def covers(self, _hour: float) -> bool:
-        return True
-
-    def on_pieces(self, _parent: Int[Array, " piece"], _fraction: Float[Array, " piece"]) -> Self:
+        Streets of grids are never split: their models return themselves.
+        """
         return self

@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from sidestep.crowds.base import FlowField, UntimedFlow
+from sidestep.crowds.base import FlowField, FlowModel
 
 
-class RushFlow(UntimedFlow):
+class RushFlow(FlowModel):
     """Volume = base · exp(amplitude · sin(2πt/period + phase)) · exp(noise).
 
     The noise of a segment is a stationary AR(1) with coefficient ``phi`` from slot to slot and standard deviation
@@ -81,7 +81,7 @@ def lasting_noise(
     return jnp.moveaxis(jnp.concatenate([innovations[:1], rest]), 0, 1)
 
 
-class ShiftingFlow(UntimedFlow):
+class ShiftingFlow(FlowModel):
     """Rush hours whose crowded nodes are elsewhere every day: nobody can know beforehand where."""
 
     ordinary: RushFlow

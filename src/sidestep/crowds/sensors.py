@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.arima import SeriesError
-from sidestep.crowds.base import SensedField
+from sidestep.crowds.base import FlowModel, SensedField
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.live import CurrentCounts
@@ -143,7 +143,7 @@ def recorded_weeks(
     return residual.reshape(weeks, HOURS_OF_WEEK, -1).astype(np.float32)
 
 
-class SensorFlow(eqx.Module):
+class SensorFlow(FlowModel):
     """Crowds as sensors would count them.
 
     With ``current``, simulated crowds go on from current counts; sensors without one begin anywhere. With ``record``,
@@ -162,9 +162,6 @@ class SensorFlow(eqx.Module):
 
     @property
     def timed(self) -> bool:
-        return True
-
-    def covers(self, _hour: float) -> bool:
         return True
 
     def on_pieces(self, parent: Int[Array, " piece"], _fraction: Float[Array, " piece"]) -> "SensorFlow":

@@ -7,14 +7,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.crowds.base import FlowField
+from sidestep.crowds.base import FlowField, FlowModel
 from sidestep.crowds.rush import lasting_noise
 
 HOUR, DAY, WEEK = 3600.0, 24 * 3600.0, 7 * 24 * 3600.0
 FEWEST = 1e-6  # persons that count as nobody, where logarithms are taken
 
 
-class TableFlow(eqx.Module):
+class TableFlow(FlowModel):
     """Volume = the table's · exp(noise), its noise as that of :class:`sidestep.crowds.rush.RushFlow`.
 
     A row of the table holds for ``row_seconds``; a slot takes the row of its middle. Where the table knows its time, a
