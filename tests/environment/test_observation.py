@@ -336,7 +336,7 @@ def walks(destinations: list[int], future: int = 0) -> Instance:
     return Instance(jnp.full(many, 1), jnp.array(destinations), jnp.zeros(many), jnp.full(many, future))
 
 
-def test_walks_that_nothing_is_known_about_are_refused(informed, diamond, constant_field, make_params) -> None:
+def test_walks_that_nothing_is_known_about_are_refused(informed, diamond, make_params) -> None:
     check_known(informed, walks([3, 3]))
     with pytest.raises(ValueError, match="getting to node 2"):
         check_known(informed, walks([3, 2]))
