@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 from typing import TypedDict
@@ -78,7 +78,7 @@ class Comparison:
             "maps": self.maps,
             "walks": self.walks,
             "seed": self.seed,
-            "objective": None if self.scenario.objective is None else asdict(self.scenario.objective),
+            "objective": self.scenario.objective.to_json(),
             "baseline": baseline,
             "by_minutes": by,
             "planners": summarise(self.records, self.seed, by, baseline),
@@ -156,7 +156,7 @@ def walk_map(
     }
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Walked]] = {name: [] for name in chosen}
-    pairs = scenario.venue is not None and destinations is None
+    pairs = scenario.place.anywhere and destinations is None
     parts = math.ceil(walks / (min(TOWN_CHUNK, scenario_map.network.nodes - 1) if pairs else CHUNK))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):

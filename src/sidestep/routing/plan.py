@@ -70,7 +70,7 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
         futures = 1 if trip.certain else LIVE_FUTURES if planner.observes == "live" else FUTURES
     if futures < 1:
         raise RouteError(f"there must be at least one future, not {futures}")
-    scenario = replace(trip.scenario, departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
+    scenario = trip.scenario.changed(departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
     destinations = np.array([[trip.destination.node]])
     hours = None if trip.departure.hour is None else [trip.departure.hour]
     params = make_environment(

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.scenarios.build import check_ways
 from sidestep.scenarios.maps import ScenarioMap
-from sidestep.scenarios.model import Scenario, ScenarioError
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.stations import check_ways
 from sidestep.walking.waits import GOLDEN
 
 DRAWS = 4

@@ -22,12 +22,12 @@ from sidestep.environment.types import (
     futures_in_turn,
 )
 from sidestep.network.graph import RoadNetwork
-from sidestep.scenarios.build import objective_of
+from sidestep.scenarios.build import objective_of, reward_of
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import Purpose, ScenarioMap, purpose_key
-from sidestep.scenarios.model import LAWS, Scenario
+from sidestep.scenarios.model import Scenario
 from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
-from sidestep.walking.speed_laws import SpeedLaw
+from sidestep.walking.speed_laws import LAWS, SpeedLaw
 
 
 def make_environment(
@@ -82,7 +82,7 @@ def make_environment(
     """
     nodes = destinations_of(scenario_map, 1) if destinations is None else destinations
     hours = scenario.place.departure_hours(len(nodes), part * futures) if hours is None else hours
-    objective = objective_of(scenario)
+    objective = objective_of(scenario.objective)
     return _environment(
         _Crowds.of(scenario, scenario_map.flow_for(purpose)),
         _future_key(scenario_map, purpose, part),
@@ -94,7 +94,7 @@ def make_environment(
         rule=scenario.rule,
         network=scenario_map.network,
         horizon=jnp.float32(scenario.horizon),
-        reward=scenario.reward,
+        reward=reward_of(scenario.reward),
         objective=objective,
         waits=scenario_map.waits,
     )
