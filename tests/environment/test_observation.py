@@ -183,7 +183,7 @@ def test_map_knows_the_expected_time_from_when_the_next_node_is_reached(informed
 
 
 def test_map_knows_the_expected_crowd_of_now(informed) -> None:
-    # From node 1 to 3 and to 0, 200 and 100 m; the first is expected to be jammed till 300 s. Nobody is jammed in crowd 2.
+    # From node 1 to 3 and to 0, 200 and 100 m; a jam is expected on the first till 300 s. Nobody is jammed in future 2.
     for clock, expected in ((0.0, [2000, 100]), (300.0, [200, 100])):
         seen = see(informed, 1, clock, future=2, level="map")
         assert seen.expected.cost.tolist() == pytest.approx(expected)
