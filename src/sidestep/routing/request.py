@@ -2,16 +2,14 @@
 
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import MAXYEAR, datetime
 
 import numpy as np
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
-from sidestep.crowds.live import current_counts
 from sidestep.crowds.profile import time_of_week
-from sidestep.crowds.sensors import SensorFlow
 from sidestep.crowds.table import TableFlow
 from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.splice import Spliced, splice
@@ -19,7 +17,7 @@ from sidestep.network.town import Town
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.grid_plan import RouteError
 from sidestep.scenarios.build import town_of
-from sidestep.scenarios.maps import ScenarioMap
+from sidestep.scenarios.maps import ScenarioMap, with_live_counts
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Place
 from sidestep.scenarios.values import DAYS
@@ -218,14 +216,11 @@ def prepare(
     if departure.hour is not None:
         _check_covered(place.flow, departure.hour, departure.text, venue)
     if counts is not None:
-        if not isinstance(here.flow, SensorFlow):
+        if not here.sensors:
             raise RouteError(f"--live takes counts of sensors, but the crowds of {scenario.name} come from a table")
         if departure.time is None:
             raise RouteError("current counts need a departure with its day, such as --depart 2025-05-24T12:30")
-        current = current_counts(counts, here.sensors, here.flow.model.expected, departure.time)
-        flow = replace(here.flow, current=current)
-        here = replace(here, flow=flow, test_flow=flow)
-        counted = len({name for name, seen in zip(here.sensors, np.isfinite(current.residual), strict=True) if seen})
+        here, counted = with_live_counts(here, counts, departure.time)
     return Trip(scenario, venue, streets, here, *ends, departure, counted)
 
 
