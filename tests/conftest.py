@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import beartype.typing  # noqa: F401 # for the hook below
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +11,12 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 # Before anything imports sidestep, or its annotations go unchecked.
-# To mypy an int is a float (PEP 484); beartype has to be told.
-install_import_hook("sidestep", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+# To mypy an int is a float (PEP 484), and methods may return Self (PEP 673); beartype has to be told.
+install_import_hook(
+    "sidestep",
+    "beartype.beartype(conf=beartype.BeartypeConf("
+    "is_pep484_tower=True, hint_overrides=beartype.FrozenDict({beartype.typing.Self: object})))",
+)
 
 from sidestep.environment.types import EnvParams, Instance, futures_in_turn  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402

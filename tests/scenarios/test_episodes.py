@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare, kstest
-from sidestep.environment.instances import DRAWS, InstanceSampler, instances, sampler, standard_destinations
 
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import DRAWS, InstanceSampler, instances, sampler, standard_destinations
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 from sidestep.scenarios.model import Scenario
