@@ -150,6 +150,7 @@ def walk_map(
 ) -> dict[str, Walked]:
     """All planners on map number ``index``."""
     scenario_map = draw_map(scenario, seed, index)
+    episodes.check_paths(scenario_map)
     chosen = {
         name: planner for name, factory in planners.items() if (planner := factory(scenario_map, index)) is not None
     }
@@ -161,10 +162,9 @@ def walk_map(
     for part in range(parts):
         nodes = None if destinations is None else episodes.destinations_of(scenario_map, destinations)
         if pairs:
-            nodes = episodes.anywhere_to_anywhere(scenario_map, size, part)
-        here = scenario_map if nodes is None else episodes.set_out(scenario, scenario_map, nodes, part * size)
-        params = make_environment(scenario, here, "test", size, level=level, destinations=nodes, part=part)
-        todo = instances(scenario, here, params, size, first=part * size, destinations=nodes)
+            nodes = episodes.random_destinations(scenario_map, size, part)
+        params = make_environment(scenario, scenario_map, "test", size, level=level, destinations=nodes, part=part)
+        todo = instances(scenario, scenario_map, params, size, first=part * size, destinations=nodes)
         key = purpose_key(scenario_map, "test")
         for name, planner in chosen.items():
             collected[name].append(_walked(planner, params, todo, jax.random.fold_in(key, part) if part else key))

@@ -215,7 +215,6 @@ def prepare(
     here, counted = place.on_pieces(streets), None
     if departure.hour is not None:
         _check_covered(place.flow, departure.hour, departure.text, venue)
-        here = here.at_departure_hours([departure.hour])
     if counts is not None:
         if not here.sensors:
             raise RouteError(f"--live takes counts of sensors, but the crowds of {scenario.name} come from a table")

@@ -20,9 +20,9 @@ from sidestep.scenarios.model import ObjectiveSpec, RewardSpec
 from sidestep.scenarios.places import Light, Place, Traffic, Venue
 from sidestep.scenarios.stations import check_ways, crossings, nearest
 from sidestep.scenarios.values import Waypoint
-from sidestep.walking.objective import Objective
+from sidestep.walking.objective import TravelTime, WeightedObjective
 from sidestep.walking.speed_laws import Law
-from sidestep.walking.waits import Waits
+from sidestep.walking.waits import NoWaits, Waits
 
 MOST_CROSSINGS = 8  # without lights on one street; with more, waits might change faster than time goes by
 # Of the busiest hour's traffic, by hour of the day: a working day in a city, as an assumption.
@@ -41,7 +41,7 @@ class VenueParts(NamedTuple):
     sensors: tuple[str, ...]
     origins: tuple[int, ...]
     destinations: tuple[int, ...]
-    waits: Waits | None
+    waits: Waits | NoWaits
 
 
 @cached_by_files(lambda streets: (streets,))
@@ -96,7 +96,7 @@ def _find(ends: list[tuple[int, ...]], town: Town, name: str, waypoints: tuple[W
     ends.append(crossings(town, name, waypoints))
 
 
-def waits_of(town: Town, venue: Venue) -> Waits | None:
+def waits_of(town: Town, venue: Venue) -> Waits | NoWaits:
     """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike.
 
     Raises
@@ -106,7 +106,7 @@ def waits_of(town: Town, venue: Venue) -> Waits | None:
     """
     traffic = venue.traffic
     if traffic is None:
-        return None
+        return NoWaits()
     street, _ = town.street_of_segment()
     signals, timing = _timing(town, traffic)
     unsignalised = np.minimum(town.crossings, MOST_CROSSINGS)
@@ -114,8 +114,7 @@ def waits_of(town: Town, venue: Venue) -> Waits | None:
         jnp.asarray(each[street], jnp.float32) for each in (signals, unsignalised, *timing)
     )
     vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
-    start = jnp.asarray(venue.departure_hours(1), jnp.float32)
-    return Waits(lights, others, cycle, green, offset, vehicles, start, traffic.critical_gap)
+    return Waits(lights, others, cycle, green, offset, vehicles, traffic.critical_gap)
 
 
 def _timing(town: Town, traffic: Traffic) -> tuple[np.ndarray, np.ndarray]:
@@ -135,9 +134,9 @@ def _street_of(snapper: Snapper, light: Light) -> int:
     return nearest(snapper, "lights", f"light {light.name!r}", light.place).street
 
 
-def objective_of(objective: ObjectiveSpec) -> Objective | None:
+def objective_of(objective: ObjectiveSpec) -> TravelTime | WeightedObjective:
     """What walkers keep low, as environments have it."""
-    return None if objective.is_time else Objective(**objective.model_dump(exclude={"measured"}))
+    return TravelTime() if objective.is_time else WeightedObjective(**objective.model_dump(exclude={"measured"}))
 
 
 def reward_of(reward: RewardSpec) -> RewardWeights:

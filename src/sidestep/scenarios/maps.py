@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
@@ -25,7 +25,7 @@ from sidestep.scenarios.grids import DrawnGrid, streets_and_crowds
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Grid, Venue
 from sidestep.scenarios.spec import ScenarioError
-from sidestep.walking.waits import Waits
+from sidestep.walking.waits import NoWaits, Waits
 
 Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
@@ -50,20 +50,12 @@ class ScenarioMap(eqx.Module):
     """Nodes where walks begin; none: anywhere."""
     destinations: tuple[int, ...] = eqx.field(static=True, default=())
     """Nodes where walks end; none: anywhere."""
-    waits: Waits | None = None
+    waits: Waits | NoWaits = NoWaits()
     """At lights and for gaps in the traffic."""
-    hours: Float[Array, " hour"] = eqx.field(default_factory=lambda: jnp.zeros(1))
-    """Hours of the week at clock 0, one for each destination."""
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
         return self.test_flow if purpose == "test" else self.flow
-
-    def at_departure_hours(self, hours: list[float]) -> "ScenarioMap":
-        """The same map with clock 0 at these hours of the week, one for each destination."""
-        start = jnp.asarray(hours, jnp.float32)
-        waits = None if self.waits is None else replace(self.waits, start=start)
-        return replace(self, hours=start, waits=waits)
 
     def on_pieces(self, streets: Spliced) -> "ScenarioMap":
         """The same map with some streets split and the same crowds on all their pieces, for walks from anywhere."""
@@ -78,13 +70,13 @@ class ScenarioMap(eqx.Module):
             parts=(streets.network.nodes,),
             origins=(),
             destinations=(),
-            waits=None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole)),
+            waits=self.waits.on_pieces(parent, jnp.asarray(streets.begins_whole)),
         )
 
     @property
     def fingerprint(self) -> str:
         """The same for the same streets with the same expected crowds, whatever the speed law, and for no others."""
-        told = (self.network, self.flow, self.waits, self.hours)
+        told = (self.network, self.flow, self.waits)
         digest = hashlib.sha256(str(jax.tree.structure(told)).encode())
         for leaf in jax.tree.leaves(told):
             digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
@@ -116,8 +108,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
             return _on_grids(grid, [DrawnGrid.draw(grid, side, np.random.default_rng([seed, index]))], scenario, key)
         case Venue() as venue:
             parts = venue_parts(venue, scenario.slot_seconds, scenario.law)
-            hours = jnp.asarray(venue.departure_hours(1), jnp.float32)
-            return ScenarioMap(key=key, parts=(parts.network.nodes,), hours=hours, **parts._asdict())
+            return ScenarioMap(key=key, parts=(parts.network.nodes,), **parts._asdict())
 
 
 def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:

@@ -38,7 +38,7 @@ Weight = Annotated[float, Field(ge=0, le=MOST_WEIGHT)]
 
 
 class ObjectiveSpec(Spec):
-    """What walkers keep low: a weighted sum, by default time alone (:class:`sidestep.walking.objective.Objective`)."""
+    """What walkers keep low: a weighted sum, by default time alone (:mod:`sidestep.walking.objective`)."""
 
     time: Weight = 1.0
     """For each second."""
