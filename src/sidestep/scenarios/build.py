@@ -23,7 +23,7 @@ from sidestep.crowds.table import TableFlow
 from sidestep.files import cached_by_files
 from sidestep.network.formats import load_helsinki, load_town
 from sidestep.network.graph import RoadNetwork
-from sidestep.network.snap import Snapped, Snapper
+from sidestep.network.snapping import Snapper, StreetPoint
 from sidestep.network.town import Town, TownError
 from sidestep.scenarios.model import Law, Place, ScenarioError, Sensor, Venue
 from sidestep.scenarios.tables import table_flow
@@ -250,7 +250,7 @@ def _crossing(town: Town, snap: Snapper, name: str, place: Place) -> int:
             raise ScenarioError(f"{name}: there is no crossing {place}; they are numbered 0 to {town.nodes - 1}")
         return place
     on = _nearest(snap, name, place)
-    return int(town.tail[on.street] if on.part < 0.5 else town.head[on.street])
+    return int(town.tail[on.street] if on.fraction < 0.5 else town.head[on.street])
 
 
 def check_ways(network: RoadNetwork, origins: tuple[int, ...], ends: tuple[int, ...]) -> None:
@@ -340,7 +340,7 @@ def nearest_street(snap: Snapper, sensor: Sensor) -> int | None:
     return _nearest(snap, f"sensor {sensor.name!r}", sensor.place).street if sensor.place else None
 
 
-def _nearest(snap: Snapper, what: str, place: tuple[float, float]) -> Snapped:
+def _nearest(snap: Snapper, what: str, place: tuple[float, float]) -> StreetPoint:
     """The nearest place on a street, or a refusal that says of what."""
     try:
         return snap.nearest(*place)

@@ -18,7 +18,7 @@ from sidestep.crowds.sensors import SensorFlow
 from sidestep.crowds.table import TableFlow
 from sidestep.network.graph import RoadNetwork, disjoint_union
 from sidestep.network.grid import grid_network
-from sidestep.network.splice import Spliced
+from sidestep.network.snapping import SplitStreets
 from sidestep.scenarios.build import town_crowds
 from sidestep.scenarios.model import Scenario, ScenarioError
 from sidestep.walking.waits import Waits
@@ -53,11 +53,11 @@ class ScenarioMap(eqx.Module):
         waits = None if self.waits is None else replace(self.waits, start=start)
         return replace(self, flow=_starting(self.flow, start), recorded=recorded, waits=waits)
 
-    def spliced(self, streets: Spliced) -> "ScenarioMap":
+    def spliced(self, streets: SplitStreets) -> "ScenarioMap":
         """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
-        parent, share = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
+        parent, share = jnp.asarray(streets.parent), jnp.asarray(streets.fraction, jnp.float32)
         flow = _on_pieces(self.flow, parent, share)
-        waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole))
+        waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_at_crossing))
         return ScenarioMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
 
 

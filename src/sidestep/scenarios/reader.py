@@ -283,7 +283,7 @@ class _Reader:
         self._at(("walks", "destinations"), check_ways, town.network(), origins, ends)
 
     def _check_counts(self, venue: Venue, town: "Town", given: Container[Keys]) -> None:
-        from sidestep.network.snap import Snapper
+        from sidestep.network.snapping import Snapper
         from sidestep.scenarios.build import counts_of, nearest_street
 
         table = self._at(("counts", "file"), counts_of, venue.counts)
