@@ -1,7 +1,6 @@
 """Longitude and latitude in metres: great-circle distances, and a plane for a town."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -24,7 +23,7 @@ class Projection:
     """Metres per degree of longitude and of latitude."""
 
     @classmethod
-    def of(cls, lonlat: Float[np.ndarray, "point 2"]) -> Self:
+    def of(cls, lonlat: Float[np.ndarray, "point 2"]) -> "Projection":
         """Project about the middle of the points' bounding box."""
         centre = (lonlat.min(axis=0) + lonlat.max(axis=0)) / 2
         return cls(centre, np.radians(EARTH_RADIUS) * np.array([np.cos(np.radians(centre[1])), 1.0]))

@@ -94,7 +94,10 @@ def read_walkable(path: Path, widths: Mapping[str, float]) -> tuple[Ways, Nodes]
         if not ways.counts:
             found = f"none of its {ways.read:,} highways is walkable" if ways.read else "it holds no highways"
             raise OsmError(f"no streets for walkers: {found}")
-        return ways, _read_nodes(file, np.unique(np.array(ways.refs, np.int64)))
+        try:
+            return ways, _read_nodes(file, np.unique(np.array(ways.refs, np.int64)))
+        except osmium.InvalidLocationError as error:
+            raise OsmError(f"it is damaged: {error}") from error
 
 
 def _read_ways(file: "osmium.io.File", widths: Mapping[str, float]) -> Ways:

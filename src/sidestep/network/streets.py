@@ -1,7 +1,6 @@
 """Streets while they are imported: columns of a table, and the streets that form one connected town."""
 
 from dataclasses import dataclass, fields
-from typing import Self
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64
@@ -36,12 +35,12 @@ class Streets:
         """Tail and head of each street."""
         return np.stack([self.tail, self.head], axis=1)
 
-    def keep(self, which: Bool[np.ndarray, " street"]) -> Self:
+    def keep(self, which: Bool[np.ndarray, " street"]) -> "Streets":
         """Select streets, in their order."""
         rows = np.flatnonzero(which)
         order, first = ranges(self.first[rows], np.diff(self.first)[rows])
         columns = {field.name: getattr(self, field.name)[rows] for field in fields(self)[:-2]}
-        return type(self)(**columns, points=self.points[order], first=first)
+        return Streets(**columns, points=self.points[order], first=first)
 
 
 def ranges(
