@@ -22,11 +22,11 @@ from time import perf_counter
 import jax
 import jax.numpy as jnp
 import numpy as np
+from sidestep.environment.knowledge import expected_cost_to_go
 from streets import write
 
 from sidestep.agent.presets import preset_for
 from sidestep.agent.train import shown, train
-from sidestep.environment.knowledge import expected_cost_to_go
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
