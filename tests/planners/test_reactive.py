@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from sidestep.environment.knowledge import expected_cost_to_go, live_cost_to_go
+
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.planners.base import Planner, routes, walk_plan
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot

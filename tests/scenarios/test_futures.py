@@ -10,12 +10,13 @@ import pytest
 
 from sidestep.environment.types import EnvParams
 from sidestep.scenarios.builtin import BUILT_IN, scenario
-from sidestep.scenarios.episodes import instances, sampler, standard_destinations
+from sidestep.scenarios.episodes import standard_destinations
 from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map, fingerprint
 from sidestep.scenarios.model import LAWS, RushHours, Scenario, ScenarioError, Venue
 
 HOUR = 3600.0
+ANY_HOUR = jnp.zeros(1)  # grids know none
 
 
 def small(**changes) -> Scenario:
@@ -131,9 +132,7 @@ def test_the_most_crowded_nodes_that_can_be() -> None:
     assert scenario("paper-congested", side=2, crowded_nodes=2).crowded_nodes == 2
 
 
-def renew_crowds(
-    scenario: Scenario, scenario_map: ScenarioMap, params: EnvParams, number: int, futures: int, first: int
-):
+def renewed(scenario: Scenario, scenario_map: ScenarioMap, params: EnvParams, number: int, futures: int, first: int):
     return replace_futures(params, sample_futures(scenario, scenario_map, params, number, futures), jnp.int32(first))
 
 
@@ -226,9 +225,9 @@ def params_of_test(scenario_map) -> EnvParams:
 
 
 def test_an_environment_has_what_was_asked_for(scenario_map, params_of_test) -> None:
-    assert params_of_test.futures.speed.shape == (4, 24, 12)
+    assert params_of_test.futures.speeds.speed.shape == (4, 24, 12)
     assert params_of_test.expected.speed.shape == (1, 24, 12)
-    assert params_of_test.futures.slot_seconds == params_of_test.expected.slot_seconds == 300
+    assert params_of_test.futures.speeds.slot_seconds == params_of_test.expected.slot_seconds == 300
     assert float(params_of_test.horizon) == HOUR
     assert (params_of_test.network.length == scenario_map.network.length).all()
     assert (params_of_test.rule, params_of_test.reward) == ("integrated", small().reward)
@@ -237,10 +236,10 @@ def test_an_environment_has_what_was_asked_for(scenario_map, params_of_test) -> 
 
 def test_the_same_purpose_gives_the_same_futures_and_another_others(scenario_map, params_of_test) -> None:
     again = make_environment(small(), draw_map(small(), 0), "test", 4)
-    assert (again.futures.speed == params_of_test.futures.speed).all()
-    futures = {"test": np.asarray(params_of_test.futures.speed)}
+    assert (again.futures.speeds.speed == params_of_test.futures.speeds.speed).all()
+    futures = {"test": np.asarray(params_of_test.futures.speeds.speed)}
     for purpose in ("learn", "explore"):
-        futures[purpose] = np.asarray(make_environment(small(), scenario_map, purpose, 4).futures.speed)
+        futures[purpose] = np.asarray(make_environment(small(), scenario_map, purpose, 4).futures.speeds.speed)
     # Slot 0 is today's crowd. After it no future of one purpose is one of another, and none is there twice.
     everything = np.concatenate(list(futures.values()))
     assert np.ptp(everything[:, :, 0], axis=0).max() == 0
@@ -255,8 +254,8 @@ def test_what_is_expected_does_not_depend_on_the_purpose(scenario_map, params_of
 
 def test_futures_vary_about_what_is_expected(scenario_map) -> None:
     slots = 12
-    expected = np.asarray(scenario_map.flow.expected(slots).volume)
-    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), 400, slots).volume)
+    expected = np.asarray(scenario_map.flow.expected(ANY_HOUR, slots).volume)[0]
+    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(400), slots).volume)
     assert expected.shape == (slots, 24)
     assert drawn.shape == (400, slots, 24)
     assert np.ptp(drawn[:, 0], axis=0).max() == 0
@@ -270,31 +269,34 @@ def test_futures_vary_about_what_is_expected(scenario_map) -> None:
 
 def test_flows_of_the_forecast_have_one_future_which_is_expected(scenario_map) -> None:
     params = make_environment(small(flows="forecast"), scenario_map, "test", 4)
-    assert params.futures.speed.shape == (1, 24, 12)
-    assert (params.futures.speed[0] == params.expected.speed).all()
-    assert (params.futures.covered[0] == params.expected.covered).all()
+    assert params.futures.speeds.speed.shape == (1, 24, 12)
+    assert (params.futures.speeds.speed[0] == params.expected.speed).all()
+    assert (params.futures.speeds.covered[0] == params.expected.covered).all()
 
 
 def test_slot_0_is_the_crowd_of_the_map(scenario_map, params_of_test) -> None:
-    for field in (scenario_map.flow.expected(12), scenario_map.flow.draw(jax.random.key(1), 3, 12)):
+    for field in (
+        scenario_map.flow.expected(ANY_HOUR, 12),
+        scenario_map.flow.draw(jax.random.key(1), jnp.zeros(3), 12),
+    ):
         assert (np.moveaxis(np.asarray(field.volume), -2, 0)[0] == volumes(scenario_map)).all()
     # x0 (p/d)^-0.8
     speed = 1.34 * (volumes(scenario_map) / np.asarray(scenario_map.network.length)) ** -0.8
     np.testing.assert_allclose(params_of_test.expected.speed[0, :, 0], speed, rtol=1e-5)
     for future in range(4):
-        np.testing.assert_allclose(params_of_test.futures.speed[future, :, 0], speed, rtol=1e-5)
+        np.testing.assert_allclose(params_of_test.futures.speeds.speed[future, :, 0], speed, rtol=1e-5)
 
 
 def test_one_slot_is_enough(scenario_map) -> None:
     params = make_environment(small(horizon=10.0), scenario_map, "test", 2)
-    assert params.futures.speed.shape == (2, 24, 1)
+    assert params.futures.speeds.speed.shape == (2, 24, 1)
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_speeds_are_positive_and_finite_all_day(law: str) -> None:
     day = small(law=law, horizon=24 * HOUR)
     params = make_environment(day, draw_map(day, 1), "test", 16)
-    for field in (params.futures, params.expected):
+    for field in (params.futures.speeds, params.expected):
         assert field.slots == 288
         assert np.isfinite(field.speed).all()
         assert (np.asarray(field.speed) > 0).all()
@@ -303,34 +305,7 @@ def test_speeds_are_positive_and_finite_all_day(law: str) -> None:
             assert float(field.speed.max()) <= 1.34 * (1 + 1e-6)
     # nobody on the street is taken for one: x0 (1/d)^-0.8 is the highest speed of the literal law
     highest = 1.34 * np.asarray(params.network.length) ** 0.8
-    assert (np.asarray(params.futures.speed).max(axis=(0, 2)) <= highest * (1 + 1e-5)).all()
-
-
-# --- Walks ----------------------------------------------------------------------------------------------------------
-
-
-def test_walks_go_from_corner_to_corner_each_through_its_own_future(scenario_map, params_of_test) -> None:
-    todo = instances(small(), scenario_map, params_of_test, 6, first=3)
-    assert todo.origin.tolist() == [0] * 6
-    assert todo.destination.tolist() == [8] * 6
-    assert todo.departure.tolist() == [0] * 6
-    assert todo.future.tolist() == [3, 0, 1, 2, 3, 0]  # of four
-
-
-def test_samplers(scenario_map, params_of_test) -> None:
-    here, anywhere = (sampler(small(), scenario_map, params_of_test, 3, anywhere=where) for where in (False, True))
-    draws = jnp.asarray(np.random.default_rng(0).random((200, 4)), jnp.float32)
-    from_here, from_anywhere = (jax.vmap(one.sample)(draws) for one in (here, anywhere))
-    assert set(from_here.origin.tolist()) == {0}
-    assert set(from_anywhere.origin.tolist()) == set(range(8))
-    for drawn in (from_here, from_anywhere):
-        assert set(drawn.destination.tolist()) == {8}
-        assert set(drawn.departure.tolist()) == {0}
-        assert set(drawn.future.tolist()) == {0, 1, 2}
-    # no more than there are
-    assert int(sampler(small(), scenario_map, params_of_test, 99).futures) == 4
-    # the same compiled program serves both
-    assert jax.tree.map(jnp.shape, here) == jax.tree.map(jnp.shape, anywhere)
+    assert (np.asarray(params.futures.speeds.speed).max(axis=(0, 2)) <= highest * (1 + 1e-5)).all()
 
 
 @pytest.mark.parametrize(
@@ -396,18 +371,6 @@ def test_both_directions_of_a_street_have_one_wave_and_streets_have_their_own() 
     assert len(set(wave.values())) == len(wave) / 2
 
 
-def test_walks_depart_within_the_hour() -> None:
-    rush = scenario("rush-16", side=3, crowded_nodes=1, horizon=HOUR)
-    scenario_map = draw_map(rush, 0)
-    params = make_environment(rush, scenario_map, "test", 2)
-    # the golden ratio: 0, .618034, 1.236068 - 1, 1.854102 - 1 of an hour
-    todo = instances(rush, scenario_map, params, 4)
-    np.testing.assert_allclose(todo.departure, [0, 2224.92, 849.84, 3074.77], atol=0.01)
-    np.testing.assert_allclose(instances(rush, scenario_map, params, 2, first=2).departure, todo.departure[2:])
-    drawn = jax.vmap(sampler(rush, scenario_map, params, 2).sample)(jnp.linspace(0, 0.999, 50)[:, None] * jnp.ones(4))
-    assert (float(drawn.departure[0]), float(drawn.departure[-1])) == (0, pytest.approx(3596.4))
-
-
 def test_shifting_crowds_are_elsewhere_in_every_future() -> None:
     shifting, fixed = BUILT_IN["shifting-crowds"], BUILT_IN["rush-16"]
     assert (shifting.side, shifting.crowded_nodes, shifting.departures) == (16, 28, (0, 3600))
@@ -415,8 +378,8 @@ def test_shifting_crowds_are_elsewhere_in_every_future() -> None:
     assert (scenario_map.network.length == draw_map(fixed, 0).network.length).all()
     # Nobody's streets are crowded in ordinary: nobody can know where they will be.
     assert float(scenario_map.flow.ordinary.base.max()) <= 1000
-    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), 4, 1).volume)[:, 0]
-    wave = np.asarray(scenario_map.flow.ordinary.usual(jnp.array([0]))[0] / scenario_map.flow.ordinary.base)
+    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(4), 1).volume)[:, 0]
+    wave = np.asarray(scenario_map.flow.ordinary.median(jnp.array([0]))[0] / scenario_map.flow.ordinary.base)
     # exp(.4 * 2) = 2.2 times 1,000 is little for a crowded street
     full = drawn / wave > 2300
     tail, head = np.asarray(scenario_map.network.tail), np.asarray(scenario_map.network.head)
@@ -496,68 +459,12 @@ def tiny_unseen(**changes) -> Scenario:
     return scenario("unseen-maps", **(dict(side=3, larger=(4,), crowded_nodes=1, training_maps=2) | changes))
 
 
-def test_walks_take_the_parts_in_turn() -> None:
-    unseen = tiny_unseen(horizon=HOUR)
-    learned = draw_training_map(unseen, 0)
-    params = make_environment(unseen, learned, "learn", 3)
-    todo = instances(unseen, learned, params, 5, first=1)
-    assert todo.origin.tolist() == [9, 0, 9, 0, 9]
-    assert todo.destination.tolist() == [17, 8, 17, 8, 17]
-    assert todo.future.tolist() == [1, 2, 0, 1, 2]
-    draws = jnp.asarray(np.random.default_rng(0).random((300, 4)), jnp.float32)
-    here, anywhere = (
-        jax.vmap(sampler(unseen, learned, params, 3, anywhere=where).sample)(draws) for where in (False, True)
-    )
-    assert set(zip(here.origin.tolist(), here.destination.tolist(), strict=True)) == {(0, 8), (9, 17)}
-    assert set(anywhere.origin.tolist()) == set(range(18)) - {8, 17}
-    # nobody is sent to the other part
-    assert (anywhere.origin // 9 == anywhere.destination // 9).all()
-
-
-def test_destinations_are_a_node_of_each_part() -> None:
-    assert standard_destinations((9,), 1).tolist() == [[8]]
-    assert standard_destinations((9, 16), 1).tolist() == [[8, 24]]
-    ends = standard_destinations((9, 16), 5)
-    assert ends.shape == (5, 2)
-    assert ends[0].tolist() == [8, 24]  # the scenario's own come first
-    assert len(set(ends.ravel().tolist())) == 10
-    assert set(ends[:, 0].tolist()) <= set(range(1, 9))  # never the first node, where walks begin
-    assert set(ends[:, 1].tolist()) <= set(range(10, 25))
-    # all that there are, and fewer are the first of them
-    assert sorted(standard_destinations((9,), 8).ravel().tolist()) == list(range(1, 9))
-    assert standard_destinations((9,), 3).tolist() == standard_destinations((9,), 8)[:3].tolist()
-
-
-@pytest.mark.parametrize("destinations", [0, -1, 9])
-def test_there_are_not_that_many_destinations(destinations: int) -> None:
-    with pytest.raises(ScenarioError, match=f"between 1 and 8 destinations, not {destinations}"):
-        standard_destinations((9, 16), destinations)
-
-
-def test_samplers_for_several_destinations(scenario_map, params_of_test) -> None:
-    ends = standard_destinations(scenario_map.parts, 3)
-    draws = jnp.asarray(np.random.default_rng(0).random((500, 4)), jnp.float32)
-    samplers = [
-        sampler(small(), scenario_map, params_of_test, 4, destinations=ends, anywhere=where) for where in (False, True)
-    ]
-    assert jax.tree.map(jnp.shape, samplers[0]) == jax.tree.map(jnp.shape, samplers[1])
-    here, anywhere = (jax.vmap(one.sample)(draws) for one in samplers)
-    for drawn in (here, anywhere):
-        assert set(drawn.destination.tolist()) == set(ends.ravel().tolist())
-        assert (drawn.origin != drawn.destination).all()
-        # crowd c is for destination c modulo 3
-        assert (ends[np.asarray(drawn.future) % 3, 0] == drawn.destination).all()
-        assert set(drawn.future.tolist()) == {0, 1, 2, 3}
-    assert set(here.origin.tolist()) == {0}
-    assert set(anywhere.origin.tolist()) == set(range(9))
-
-
 # --- Futures of training and of tests -------------------------------------------------------------------------------
 
 
 def futures(params: EnvParams) -> set[float]:
     """One number of each future that tells it from all others."""
-    return set(np.asarray(params.futures.speed)[:, 0, -1].tolist())
+    return set(np.asarray(params.futures.speeds.speed)[:, 0, -1].tolist())
 
 
 def test_no_future_of_a_test_is_one_of_training(scenario_map) -> None:
@@ -565,7 +472,7 @@ def test_no_future_of_a_test_is_one_of_training(scenario_map) -> None:
     params = make_environment(small(), scenario_map, "learn", 4)
     learns = [params]
     for number in (1, 2):
-        params = renew_crowds(small(), scenario_map, params, number, 2, 2 * (number - 1))
+        params = renewed(small(), scenario_map, params, number, 2, 2 * (number - 1))
         learns.append(params)
     tested, learned = (set().union(*map(futures, many)) for many in (tests, learns))
     assert len(tested) == 12  # parts have futures of their own
@@ -574,47 +481,48 @@ def test_no_future_of_a_test_is_one_of_training(scenario_map) -> None:
     assert futures(tests[0]) == futures(make_environment(small(), scenario_map, "test", 4))
 
 
-@pytest.mark.parametrize("first", [0, 2, 4])
-def test_renewing_replaces_these_crowds_and_no_others(first: int) -> None:
+@pytest.mark.parametrize("first", [0, 2, 5])
+def test_renewing_replaces_these_futures_and_no_others(first: int) -> None:
     rush = tiny_unseen(horizon=1500.0)
     scenario_map = draw_map(rush, 0)
     before = make_environment(rush, scenario_map, "learn", 6, level="live")
-    after = renew_crowds(rush, scenario_map, before, 1, 2, first)
-    fresh = np.isin(np.arange(6), [first, first + 1])
-    for old, new in zip(
-        *map(jax.tree.leaves, ((before.futures, before.live), (after.futures, after.live))), strict=True
-    ):
+    after = renewed(rush, scenario_map, before, 1, 2, first)
+    fresh = np.isin(np.arange(6), [first, (first + 1) % 6])  # after the last future comes the first one
+    assert before.futures.destination.tolist() == after.futures.destination.tolist()
+    parts = ((params.futures.speeds, params.futures.cost_to_go) for params in (before, after))
+    for old, new in zip(*map(jax.tree.leaves, parts), strict=True):
         same = (np.asarray(old) == np.asarray(new)).reshape(6, -1)
         assert same[~fresh].all()
         assert not same[fresh].all(axis=1).any()
     assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), before.expected, after.expected))
-    assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), before.usual, after.usual))
+    assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), before.cost_to_go, after.cost_to_go))
     # another renewal, other crowds; the same again, the same
-    assert futures(renew_crowds(rush, scenario_map, before, 2, 2, first)) != futures(after)
-    assert futures(renew_crowds(rush, scenario_map, before, 1, 2, first)) == futures(after)
+    assert futures(renewed(rush, scenario_map, before, 2, 2, first)) != futures(after)
+    assert futures(renewed(rush, scenario_map, before, 1, 2, first)) == futures(after)
 
 
-def test_more_destinations_than_futures_are_refused() -> None:
-    scenario_map = draw_map(small(), 0)
-    params = make_environment(small(flows="forecast"), scenario_map, "test", 5)
+def test_renewed_futures_take_the_place_of_those_they_replace() -> None:
+    # Of eight futures for three destinations the first five are renewed, two at a time: 2 and 3, 4 and 0, and so on.
+    problem = tiny_unseen(horizon=1500.0)
+    scenario_map = draw_map(problem, 0)
     destinations = standard_destinations(scenario_map.parts, 3)
-    with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 1"):
-        sampler(small(), scenario_map, params, 5, destinations=destinations)
-    with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 1"):
-        instances(small(), scenario_map, params, 5, destinations=destinations)
-
-
-def test_walks_from_anywhere_go_to_each_destination_in_turn() -> None:
-    scenario_map = draw_map(small(), 0)
-    destinations = standard_destinations(scenario_map.parts, 3)
-    params = make_environment(small(), scenario_map, "test", 90, level="map", destinations=destinations)
-    walks = instances(small(), scenario_map, params, 90, destinations=destinations)
-    assert np.asarray(walks.destination).tolist() == destinations[:, 0].tolist() * 30
-    assert (np.asarray(walks.origin) != np.asarray(walks.destination)).all()
-    assert set(np.asarray(walks.origin).tolist()) == set(range(9))
-    assert np.asarray(walks.future).tolist() == list(range(90))
-    others = instances(small(), scenario_map, params, 90, first=90, destinations=destinations)
-    assert (np.asarray(others.origin) != np.asarray(walks.origin)).any()
+    params = make_environment(
+        problem, scenario_map, "learn", 8, level="live", destinations=destinations, hours=[7.0, 30.0, 100.0]
+    )
+    assert params.futures.destination.tolist() == [0, 1, 2, 0, 1, 2, 0, 1]
+    assert params.futures.hour.tolist() == [7, 30, 100, 7, 30, 100, 7, 30]
+    after = params
+    for number, replaced in ((1, [2, 3]), (2, [4, 0]), (3, [1, 2])):
+        fresh = sample_futures(problem, scenario_map, params, number, 2, among=5)
+        assert fresh.destination.tolist() == [each % 3 for each in replaced]
+        for leaf, mine in ((fresh.hour, params.futures.hour), (fresh.phase, params.futures.phase)):
+            assert leaf.tolist() == mine[jnp.array(replaced)].tolist()
+        before, after = after, replace_futures(after, fresh, 2 * number % 5, among=5)
+        changed = np.asarray(before.futures.speeds.speed != after.futures.speeds.speed).any(axis=(1, 2))
+        assert np.flatnonzero(changed).tolist() == sorted(replaced)
+        # What level live knows of them is of their own destinations, where nothing is left to go.
+        here = jnp.asarray(destinations)[after.futures.destination, 0]
+        assert not after.futures.cost_to_go.snapshot[jnp.arange(8), :, here].any()
 
 
 @pytest.mark.parametrize(

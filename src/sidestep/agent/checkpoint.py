@@ -18,7 +18,7 @@ from sidestep.agent.train import QNetwork, TrainState, fresh_network, learned_pl
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
 from sidestep.network.graph import RoadNetwork, road_network
-from sidestep.scenarios.maps import draw_training_map, fingerprint
+from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
 
 FORMAT = 4
@@ -69,7 +69,7 @@ def save(run: TrainingRun, folder: Path) -> None:
     """
     header = {
         "format": FORMAT,
-        "scenario": dataclasses.asdict(run.scenario),
+        "scenario": run.scenario.model_dump(),
         "seed": run.seed,
         "index": run.index,
         "config": dataclasses.asdict(run.config),
@@ -93,7 +93,7 @@ def load(folder: Path) -> TrainingRun:
 
     def template(run: Training) -> TrainState:
         drawn = draw_training_map(run.scenario, run.seed, run.index)
-        if fingerprint(drawn) != run.fingerprint:
+        if drawn.fingerprint != run.fingerprint:
             raise CheckpointError(
                 f"the streets or crowds of {run.scenario.name} have changed since the model in {folder} was saved; "
                 "it cannot go on"
@@ -144,7 +144,7 @@ def _read(folder: Path, name: str, template: Callable[[Training], Tree]) -> tupl
             raise CheckpointError(f"{path} has model format {version}; this version reads format {FORMAT}")
         try:
             training = Training(
-                scenario=_revived(Scenario, header["scenario"]),
+                scenario=Scenario.model_validate_json(json.dumps(header["scenario"])),
                 seed=int(header["seed"]),
                 index=int(header["index"]),
                 config=_revived(TrainConfig, header["config"]),

@@ -82,20 +82,20 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
 
 def preset_for(scenario: Scenario, name: Preset, level: Information | None = None) -> TrainConfig:
     """The preset that fits a scenario's maps, at its own level unless another is given."""
-    if scenario.venue is not None and (level or scenario.level) == "position":
+    if scenario.place.anywhere and (level or scenario.level) == "position":
         raise TrainConfigError(
             f"a walker that sees its position alone cannot learn to walk anywhere in {scenario.name}"
         )
-    several = bool(scenario.training_maps) or scenario.venue is not None
-    config = preset(name, level or scenario.level, several_maps=several, nodes=scenario.side**2)
-    if scenario.venue is None:
+    several = bool(scenario.place.training_maps) or scenario.place.anywhere
+    config = preset(name, level or scenario.level, several_maps=several, nodes=scenario.place.nodes)
+    if not scenario.place.anywhere:
         return config
     # Streets are short, and jams make some walks many times longer than most: hence long returns, small steps, errors
     # that do not count by their squares.
     config = replace(config, rounds=60, n_step=16, huber=1.0, learning_rate=2e-4, epsilon=0.02, test_walks=32)
     # Crowds are for goals in turn, old ones and those that replace them alike, so their numbers are multiples of it.
-    nodes = town_of(scenario.venue.streets).nodes
-    destinations = min(32, len(scenario.venue.destinations) or 32, max(nodes - 2, 1))
+    nodes = town_of(scenario.place.streets).nodes
+    destinations = min(32, len(scenario.place.destinations) or 32, max(nodes - 2, 1))
     fresh = 32 // destinations * destinations
     if config.level == "live":  # forecasts take too long to be renewed
         return replace(

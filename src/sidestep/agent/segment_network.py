@@ -88,22 +88,24 @@ class SegmentQNetwork(eqx.Module):
             (far - onward) / local.length,
             onward / self.metres / 10,
             jnp.minimum((estimate - least) / self.seconds, FAR) / 3,
-            (local.left == 1).astype(float),
-            jnp.where(local.left <= RECENT_NODES, 1 - local.left / (1 + RECENT_NODES), 0.0),
+            (local.steps_since_visit == 1).astype(float),
+            jnp.where(local.steps_since_visit <= RECENT_NODES, 1 - local.steps_since_visit / (1 + RECENT_NODES), 0.0),
         ]
-        if seen.usual is not None:
+        if seen.expected is not None:
             streets += [
-                jnp.log(seen.usual.cost / self.seconds),
-                jnp.log(local.cost / seen.usual.cost),
-                jnp.clip((seen.usual.to_go - least) / self.seconds, -FAR, FAR) / 3,
+                jnp.log(seen.expected.cost / self.seconds),
+                jnp.log(local.cost / seen.expected.cost),
+                jnp.clip((seen.expected.to_go - least) / self.seconds, -FAR, FAR) / 3,
             ]
-            if seen.usual.log_density_ratio is not None and seen.usual.cost_to_go_scaled is not None:
-                cost_to_go_scaled = jnp.clip(seen.usual.cost_to_go_scaled / self.seconds, -FAR, FAR) / 3
+            if seen.expected.log_density_ratio is not None and seen.expected.cost_to_go_scaled is not None:
+                cost_to_go_scaled = jnp.clip(seen.expected.cost_to_go_scaled / self.seconds, -FAR, FAR) / 3
                 least_heavier = jnp.min(jnp.where(seen.valid, cost_to_go_scaled, jnp.inf))
-                log_density_ratio = jnp.sum(jnp.where(seen.valid, seen.usual.log_density_ratio, 0.0)) / seen.valid.sum()
+                log_density_ratio = (
+                    jnp.sum(jnp.where(seen.valid, seen.expected.log_density_ratio, 0.0)) / seen.valid.sum()
+                )
                 state.append(log_density_ratio[None])
                 streets += [
-                    seen.usual.log_density_ratio,
+                    seen.expected.log_density_ratio,
                     cost_to_go_scaled,
                     (cost_to_go_scaled - least_heavier) * log_density_ratio,
                 ]
@@ -112,8 +114,8 @@ class SegmentQNetwork(eqx.Module):
                 jnp.clip((seen.live.snapshot - least) / self.seconds, -FAR, FAR) / 3,
                 jnp.clip((seen.live.snapshot - estimate) / self.seconds, -FAR, FAR) / 3,
             ]
-            if seen.usual is not None:
-                usually = local.cost + seen.usual.to_go
+            if seen.expected is not None:
+                usually = local.cost + seen.expected.to_go
                 streets.append(jnp.clip((usually - estimate) / self.seconds, -FAR, FAR) / 3)
         streets = [jnp.where(seen.valid, each, 0.0) for each in streets]
         return jnp.concatenate(state), jnp.stack(streets, axis=1)

@@ -13,19 +13,25 @@ import optax
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.agent import replay as memory
-from sidestep.agent.config import TrainConfig, TrainConfigError
+from sidestep.agent.config import TrainConfig
 from sidestep.agent.q_networks import DuelingQNetwork, QTable, dueling_network
 from sidestep.agent.replay import Replay
 from sidestep.agent.segment_network import SegmentQNetwork, segment_network
 from sidestep.agent.td import double_q_learning, mask, q_learning
 from sidestep.environment.dynamics import random_exit, reset, step
-from sidestep.environment.instances import DRAWS, InstanceSampler
 from sidestep.environment.observation import observe
 from sidestep.environment.rollout import Decide, walk
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
-from sidestep.scenarios.episodes import destinations_of, instances, sampler, set_out
+from sidestep.scenarios.episodes import (
+    DRAWS,
+    InstanceSampler,
+    check_paths,
+    destinations_of,
+    instances,
+    sampler,
+)
 from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
 from sidestep.scenarios.maps import ScenarioMap, draw_training_map, purpose_key
 from sidestep.scenarios.model import Scenario
@@ -132,19 +138,19 @@ def _worlds(
     """
     if not config.fresh_futures:
         yield from itertools.repeat(params)
-    draw = partial(sample_futures, scenario, scenario_map, params, futures=config.fresh_futures)
+    draw = partial(sample_futures, scenario, scenario_map, params, futures=config.fresh_futures, among=config.futures)
     renewals = iter(range(1, config.rounds))
 
     def first(number: int) -> Int[Array, ""]:
         return jnp.int32(number * config.fresh_futures % config.futures)
 
     for number in itertools.islice(renewals, before):
-        if number > before - config.futures // config.fresh_futures:  # or it has been replaced again
-            params = replace_futures(params, draw(number), first(number))
+        if number > before - math.ceil(config.futures / config.fresh_futures):  # or it has been replaced again
+            params = replace_futures(params, draw(number), first(number), config.futures)
     for number in renewals:
         upcoming = pool.submit(draw, number)
         yield params
-        params = replace_futures(params, upcoming.result(), first(number))
+        params = replace_futures(params, upcoming.result(), first(number), config.futures)
     yield params
 
 
@@ -156,20 +162,10 @@ class Problem(eqx.Module):
     tests: Instance
 
 
-def learned_place(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> ScenarioMap:
-    """A map at the hours at which training walkers set out for each of their goals.
-
-    Raises
-    ------
-    TrainConfigError
-        Fresh crowds that would begin at the hours of other goals than those whose crowds they replace.
-    """
-    if scenario.venue is not None and config.fresh_futures % config.destinations:
-        raise TrainConfigError(
-            f"each goal has hours of its own, so goals must divide the {config.fresh_futures} fresh crowds, "
-            f"and {config.destinations} will not do"
-        )
-    return set_out(scenario, scenario_map, destinations_of(scenario_map, config.destinations))
+def learned_place(_config: TrainConfig, _scenario: Scenario, scenario_map: ScenarioMap) -> ScenarioMap:
+    """A map that can be learned."""
+    check_paths(scenario_map)
+    return scenario_map
 
 
 def prepare(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> tuple[Problem, TrainState]:
@@ -189,7 +185,7 @@ def prepare(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) 
     return Problem(params, here, tests), start(config, scenario, params, here, scenario_map)
 
 
-@cached_by_files(lambda _, scenario: scenario.files, most=16)
+@cached_by_files(lambda _, scenario: scenario.place.files, most=16)
 def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
     scenario_map = learned_place(config, scenario, draw_training_map(scenario, seed=0))
@@ -236,7 +232,7 @@ def fresh_network(config: TrainConfig, scenario: Scenario, network: RoadNetwork,
         network,
         key,
         level=config.level,
-        sensed=scenario.sensed,
+        sensed=scenario.place.interpolated,
         hidden=config.hidden,
         places=config.places,
         bins=1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS),
@@ -288,13 +284,13 @@ def greedy(network: QNetwork) -> Decide:
 
     def decide(observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
         value = network(observation)
-        local, usual, estimate = observation.local, observation.usual, observation.estimate
-        sensed = usual is not None and usual.log_density_ratio is not None
+        local, expected, estimate = observation.local, observation.expected, observation.estimate
+        sensed = expected is not None and expected.log_density_ratio is not None
         if sensed and isinstance(network, SegmentQNetwork) and local is not None and estimate is not None:
             preferred = jnp.argmax(mask(-estimate, observation.valid))
             worth = WORTH_SECONDS if observation.live is None else WORTH_SECONDS_LIVE
             value = value.at[preferred].add(worth / network.reward_seconds)
-            value = jnp.where(local.again, -estimate, value)
+            value = jnp.where(local.revisiting, -estimate, value)
         return jnp.argmax(mask(value, observation.valid))
 
     return decide

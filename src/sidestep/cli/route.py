@@ -84,12 +84,12 @@ def route(
     from sidestep.routing.grid_plan import foresee
     from sidestep.routing.plan import travel
     from sidestep.routing.request import prepare, read_departure, read_minutes, read_node, read_place
-    from sidestep.scenarios.maps import draw_map, knows_time
+    from sidestep.scenarios.maps import draw_map
 
     problem = read_scenario(scenario, changes)
     place = draw_map(problem, seed, index)
     last = str(place.network.nodes - 1)
-    if problem.venue is None:
+    if not problem.place.streets:
         if output != "text" or live is not None:
             what = "--live" if live is not None else f"--format {output}"
             raise SidestepError(f"{what} needs a scenario with real streets, such as helsinki; {scenario} is a grid")
@@ -108,7 +108,7 @@ def route(
         place,
         read_place("--from", origin or "0"),
         read_place("--to", destination or last),
-        read_departure(depart, problem.venue, timed=knows_time(place.flow)),
+        read_departure(depart, problem.place, timed=place.flow.timed),
         None if live is None else read_counts(live),
     )
     who = _planner(planner, model, problem, place, seed, index, trip.destination.node, splits=trip.splits)

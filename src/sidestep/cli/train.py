@@ -69,7 +69,7 @@ def train(
     from sidestep.agent.train import learned_place
     from sidestep.agent.train import train as rounds_of
     from sidestep.files import output_folder
-    from sidestep.scenarios.maps import draw_training_map, fingerprint
+    from sidestep.scenarios.maps import draw_training_map
 
     problem = read_scenario(scenario, changes)
     config = changed(
@@ -88,7 +88,7 @@ def train(
             )
         state, curve = run.state, list(run.curve)
     place = draw_training_map(problem, seed, index)
-    learned = fingerprint(place)
+    learned = place.fingerprint
     learned_place(config, problem, place)  # refuses what cannot be learned, before anything is written
     if out is not None:
         output_folder(out)
@@ -111,7 +111,7 @@ def train(
     done = len(curve) - before
     rate = (done - 1) / (ended - first) if done > 1 else 1 / (ended - began)
     summary = {
-        "scenario": asdict(problem),
+        "scenario": problem.model_dump(),
         "seed": seed,
         "map": index,
         "level": config.level,
@@ -133,6 +133,6 @@ def train(
         f"{summary['updates_per_second']:,.0f} updates/s)"
     )
     print(problem.summary, end="\n" if problem.summary else "")
-    unit = "min" if problem.objective is None else "min of cost"
+    unit = "min" if problem.objective.is_time else "min of cost"
     print(f"greedy test walks: {means[0]:.1f} {unit} after the first round, {means[-1]:.1f} after the last, ", end="")  # type: ignore[index]
     print(f"{summary['best_minutes']:.1f} at best" + ("" if out is None else f"; model: {out}"))

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 from typing import TypedDict
@@ -78,7 +78,7 @@ class Comparison:
             "maps": self.maps,
             "walks": self.walks,
             "seed": self.seed,
-            "objective": None if self.scenario.objective is None else asdict(self.scenario.objective),
+            "objective": self.scenario.objective.to_json(),
             "baseline": baseline,
             "by_minutes": by,
             "planners": summarise(self.records, self.seed, by, baseline),
@@ -150,21 +150,21 @@ def walk_map(
 ) -> dict[str, Walked]:
     """All planners on map number ``index``."""
     scenario_map = draw_map(scenario, seed, index)
+    episodes.check_paths(scenario_map)
     chosen = {
         name: planner for name, factory in planners.items() if (planner := factory(scenario_map, index)) is not None
     }
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Walked]] = {name: [] for name in chosen}
-    pairs = scenario.venue is not None and destinations is None
+    pairs = scenario.place.anywhere and destinations is None
     parts = math.ceil(walks / (min(TOWN_CHUNK, scenario_map.network.nodes - 1) if pairs else CHUNK))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
         nodes = None if destinations is None else episodes.destinations_of(scenario_map, destinations)
         if pairs:
-            nodes = episodes.anywhere_to_anywhere(scenario_map, size, part)
-        here = scenario_map if nodes is None else episodes.set_out(scenario, scenario_map, nodes, part * size)
-        params = make_environment(scenario, here, "test", size, level=level, destinations=nodes, part=part)
-        todo = instances(scenario, here, params, size, first=part * size, destinations=nodes)
+            nodes = episodes.random_destinations(scenario_map, size, part)
+        params = make_environment(scenario, scenario_map, "test", size, level=level, destinations=nodes, part=part)
+        todo = instances(scenario, scenario_map, params, size, first=part * size, destinations=nodes)
         key = purpose_key(scenario_map, "test")
         for name, planner in chosen.items():
             collected[name].append(_walked(planner, params, todo, jax.random.fold_in(key, part) if part else key))

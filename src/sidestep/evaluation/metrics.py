@@ -27,13 +27,10 @@ class Totals:
 
 def totals_of(walked: Walk) -> Totals | None:
     """What walks cost, where that is not time alone."""
-    totals = walked.totals
-    if totals is None:
+    if not walked.measures:
         return None
-    cost, exposure, metres, too_dense = (
-        np.asarray(each, np.float64) for each in (walked.cost, totals.exposure, totals.metres, totals.too_dense)
-    )
-    return Totals(cost / 60, exposure, metres, too_dense)
+    measures = {name: np.asarray(total, np.float64) for name, total in walked.measures.items()}
+    return Totals(np.asarray(walked.cost, np.float64) / 60, **measures)
 
 
 def joined(several_totals: Sequence[Totals], join: Callable[[list[np.ndarray]], np.ndarray]) -> Totals | None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 
 from sidestep import plotting
@@ -47,6 +48,9 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     picture = out / "map.png"
     title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
     plotting.save(
-        plotting.crowded_map(title, params, np.asarray(scenario_map.flow.expected(1).counted[0]), shown), picture
+        plotting.crowded_map(
+            title, params, np.asarray(scenario_map.flow.expected(jnp.zeros(1), 1).counted[0, 0]), shown
+        ),
+        picture,
     )
     return Demonstration(comparison, darp, picture)

@@ -1,7 +1,7 @@
 """The trade-off between time and the crowd that is met: the same walks with more and more weight on exposure."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
@@ -11,9 +11,8 @@ from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
 from sidestep.planners.registry import BASELINE, BASELINES, BOUND, REFERENCE, REPLANNING, choose
 from sidestep.plotting import TradeOffPoint
-from sidestep.scenarios.build import town_of
+from sidestep.scenarios.build import attribution_of
 from sidestep.scenarios.model import Scenario
-from sidestep.walking.objective import Objective
 
 WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # s for each person·s/m²
 WALKS = 20
@@ -45,8 +44,7 @@ class TradeOff:
     @property
     def attribution(self) -> str:
         """Whose streets they are; "" on grids."""
-        venue = self.scenario.venue
-        return "" if venue is None else town_of(venue.streets).attribution
+        return attribution_of(self.scenario.place)
 
     @property
     def title(self) -> str:
@@ -96,8 +94,8 @@ def trade_off(
         raise SidestepError(f"weights of exposure must all be different, not {weights}")
     every = choose(names, {**BASELINES, **REPLANNING})
     chosen = {name: factory for name, factory in every.items() if name in (*names, REFERENCE)}
-    base = scenario.objective or Objective()
-    problems = {weight: replace(scenario, objective=replace(base, exposure=weight)) for weight in sorted(weights)}
+    base = scenario.objective.changed(measured=True)
+    problems = {weight: scenario.changed(objective=base.changed(exposure=weight)) for weight in sorted(weights)}
     curves: dict[str, list[TradeOffPoint]] = {name: [] for name in names}
     shortest: list[TradeOffPoint] = []
     for weight, problem in problems.items():

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int, Key, PyTree
 
+from sidestep.environment.cost_to_go import check_known
 from sidestep.environment.dynamics import random_exit
-from sidestep.environment.knowledge import check_known
 from sidestep.environment.observation import at_level
 from sidestep.environment.rollout import Walk, walk
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation

@@ -18,7 +18,7 @@ from sidestep.environment.types import EnvParams, Information, Instance, Observa
 from sidestep.errors import SidestepError
 from sidestep.planners.base import DecideByPlan, Plan
 from sidestep.scenarios.episodes import destinations_of
-from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map, fingerprint
+from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 from sidestep.scenarios.model import Scenario
 
 
@@ -112,11 +112,10 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
             raise ModelError(f"the model in {folder} is of level {model.config.level}, not {level}")
         if model.scenario.objective != scenario.objective:
             raise ModelError(f"the model in {folder} learned for another objective; give the same --objective")
-        if model.config.level in ("map", "live") and model.scenario.sensed != scenario.sensed:
+        if model.config.level in ("map", "live") and model.scenario.place.interpolated != scenario.place.interpolated:
             where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
-            raise ModelError(
-                f"the model in {folder} learned to walk {where[model.scenario.sensed]}; {scenario.name} is another kind"
-            )
+            learned = where[model.scenario.place.interpolated]
+            raise ModelError(f"the model in {folder} learned to walk {learned}; {scenario.name} is another kind")
         if model.config.level == "position" or model.config.places:
             scenario_map = draw_map(scenario, seed, model.index)
             _check_place(folder, model, scenario_map)
@@ -139,7 +138,7 @@ def _ready(darp: Darp, _place: ScenarioMap, _index: int) -> Darp:
 
 
 def _check_place(folder: Path, model: Model, scenario_map: ScenarioMap) -> None:
-    if fingerprint(scenario_map) == model.fingerprint:
+    if scenario_map.fingerprint == model.fingerprint:
         return
     learned = draw_training_map(model.scenario, model.seed, model.index).network.nodes
     where = f"map {model.index} of {model.scenario.name}, seed {model.seed}"
@@ -158,7 +157,7 @@ def trainable(
     train on, that is done once for all maps.
     """
     configs = {Darp.name: preset_for(scenario, name, level), "dqn": preset_for(scenario, "dqn", level)}
-    if not scenario.training_maps and scenario.venue is None and destinations == 1:
+    if not scenario.place.training_maps and not scenario.place.anywhere and destinations == 1:
         configs["tabular-q"] = preset("tabular-q")
     return {
         key: _factory(scenario, seed, replace(config, destinations=max(config.destinations, destinations)))
@@ -170,6 +169,6 @@ def _factory(scenario: Scenario, seed: int, config: TrainConfig) -> Factory:
     once = lru_cache(lambda: train_darp(config, scenario, draw_training_map(scenario, seed)))
 
     def here(scenario_map: ScenarioMap, _index: int) -> Darp:
-        return once() if scenario.training_maps else train_darp(config, scenario, scenario_map)
+        return once() if scenario.place.training_maps else train_darp(config, scenario, scenario_map)
 
     return here

@@ -7,27 +7,23 @@ what is found then is the best of the walks that reach every crossing as early a
 
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from sidestep.environment.cost_to_go import at_clock
-from sidestep.environment.costs import cross_in, with_mean_waits
-from sidestep.environment.knowledge import field_cost_to_go
+from sidestep.environment.cost_to_go import at_clock, field_cost_to_go
+from sidestep.environment.crossing import cross_at_speeds, with_mean_waits
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 from sidestep.walking.crossing_time import CrossingRule, leaving_clock
 from sidestep.walking.speed_field import SpeedField, Speeds
+from sidestep.walking.waits import Wait
 
 FEWEST, SMALLEST = 8, 4  # nodes that are gone on from at a time, and in a group
 Leave = Callable[[Int[Array, ""], Float[Array, ""]], Float[Array, ""]]  # segment, clock at its beginning -> at its end
-
-Wait = Callable[[Int[Array, "*n"], Float[Array, "*n"]], Float[Array, "*n"]] | None
-"""Seconds before segments that are come to at clocks, whichever are the first to leave being the first that came."""
 
 
 def earliest_arrivals(
@@ -42,14 +38,13 @@ def earliest_arrivals(
     Unreachable nodes get infinity and segment -1.
     """
     only = SpeedField(field.speed[None], field.covered[None], field.slot_seconds)
-    return _arrivals(network, _through(network, only, jnp.int32(0), rule), origin, departure)
+    leave = _through(network, only, jnp.int32(0), rule, lambda _segment, clock: jnp.zeros_like(clock))
+    return _arrivals(network, leave, origin, departure)
 
 
-def _through(
-    network: RoadNetwork, speeds: Speeds, future: Int[Array, ""], rule: CrossingRule, wait: Wait = None
-) -> Leave:
+def _through(network: RoadNetwork, speeds: Speeds, future: Int[Array, ""], rule: CrossingRule, wait: Wait) -> Leave:
     def leave(segment: Int[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
-        entered = clock if wait is None else clock + wait(segment, clock)
+        entered = clock + wait(segment, clock)
         return leaving_clock(speeds, future, segment, network.length[segment], entered, rule)
 
     return leave
@@ -133,18 +128,17 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
     until a crowd is gone. So they are worked out backwards, for every ``STEP`` seconds, and taken to be linear in
     between: exact but for that.
     """
-    network, future = params.network, instance.future
-    goal = jnp.arange(network.nodes) == instance.destination
-    jumps = params.waits is not None and params.waits.phases
-    jumps |= params.objective is not None and params.objective.max_density is not None
+    network, wait = params.network, params.wait_in(instance.future)
+    destination = jnp.arange(network.nodes) == instance.destination
+    jumps = params.waits.phases or params.objective.jumps
     every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
-    table = field_cost_to_go(params, field, future, goal, every=every)
+    table = field_cost_to_go(params, field, wait, destination, every=every)
     longest = max(4 * network.nodes, LEAST_STEPS)
 
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         node, clock, way, steps = carry
         onto, segment = network.exit_node[node], network.exit_segment[node]
-        ahead = jax.vmap(lambda one: cross_in(params, field, future, one, clock))(segment)
+        ahead = jax.vmap(lambda one: cross_at_speeds(params, field.segment(one), wait, one, clock))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
         best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
         return onto[best], clock + ahead.seconds[best], way.at[steps].set(best), steps + 1
@@ -158,16 +152,18 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
 
 @jax.jit
 def _plan(
-    params: EnvParams, fields: Speeds, instances: Instance
+    params: EnvParams, speeds: Speeds, which: Int[Array, " walk"], instances: Instance
 ) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
-    def one(instance: Instance) -> Bool[Array, "node exit"] | Int[Array, " step"]:
-        which, waits = instance.future % fields.count, params.waits
-        if params.objective is not None:
-            return least_cost_path(params, fields.of(which), instance)
-        wait = None if waits is None else partial(waits.seconds, instance.future)
-        return fastest_exits(params.network, _through(params.network, fields, which, params.rule, wait), instance)
+    def fastest(number: Int[Array, ""], instance: Instance) -> Bool[Array, "node exit"]:
+        wait = params.wait_in(instance.future)
+        return fastest_exits(params.network, _through(params.network, speeds, number, params.rule, wait), instance)
 
-    return jax.vmap(one)(instances) if params.objective is None else jax.lax.map(one, instances)
+    def cheapest(walk: tuple[Int[Array, ""], Instance]) -> Int[Array, " step"]:
+        return least_cost_path(params, speeds.of(walk[0]), walk[1])
+
+    if params.objective.earliest_is_best:
+        return jax.vmap(fastest)(which, instances)
+    return jax.lax.map(cheapest, (which, instances))
 
 
 def keep_to_plan(
@@ -188,7 +184,9 @@ class Expected:
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(with_mean_waits(params), params.expected, instances))
+        return Plan(
+            None, _plan(with_mean_waits(params), params.expected, params.expected_for(instances.future), instances)
+        )
 
 
 class Clairvoyant:
@@ -203,4 +201,4 @@ class Clairvoyant:
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, params.futures, instances))
+        return Plan(None, _plan(params, params.futures.speeds, instances.future, instances))

@@ -1,6 +1,6 @@
 """One planned walk: where it leads, and how long it may take."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypedDict
 
 import jax.numpy as jnp
@@ -120,7 +120,7 @@ def foresee(
         )
 
     key = purpose_key(scenario_map, "test")
-    params, once = world(replace(scenario, flows="forecast"), 1)
+    params, once = world(scenario.changed(flows="forecast"), 1)
     route = whole_route(planner, params, once, key)
     covered = scenario.slots * scenario.slot_seconds
     if departure + route.seconds > covered and departure > scenario.departures[1]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from sidestep.environment.costs import cross, with_mean_waits
+from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.evaluation.metrics import totals_of
@@ -23,7 +23,6 @@ from sidestep.routing.request import Trip
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
 from sidestep.scenarios.model import Scenario
-from sidestep.walking.objective import Objective
 
 FUTURES, LIVE_FUTURES = 200, 20  # by default; forecasts from the counts of every slot of every future take long
 
@@ -71,10 +70,11 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
         futures = 1 if trip.certain else LIVE_FUTURES if planner.observes == "live" else FUTURES
     if futures < 1:
         raise RouteError(f"there must be at least one future, not {futures}")
-    scenario = replace(trip.scenario, departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
+    scenario = trip.scenario.changed(departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
     destinations = np.array([[trip.destination.node]])
+    hours = None if trip.departure.hour is None else [trip.departure.hour]
     params = make_environment(
-        scenario, trip.place, "test", futures, level="map", destinations=destinations, densities=True
+        scenario, trip.place, "test", futures, level="map", destinations=destinations, hours=hours, densities=True
     )
     futures = params.futures.count  # one, where the forecast comes true
     density = np.asarray(params.expected.of(jnp.int32(0)).known_density)
@@ -126,7 +126,7 @@ class _World:
     key: Key[Array, ""]
 
     def expected_route(self, planner: Planner) -> Route:
-        once, alone = self._instances(1), replace(with_mean_waits(self.params), futures=self.params.expected)
+        once, alone = self._instances(1), as_expected(self.params)
         if planner.observes != "live":
             return whole_route(planner, alone, once, self.key)
         slots = _FIRST_SLOTS
@@ -182,7 +182,7 @@ def _legs(
 ) -> tuple[Leg, ...]:
     """The streets of a route through the expected crowds, which are so dense, in persons/m²."""
     town, length, expected = streets.town, np.asarray(params.network.length), params.expected
-    alone = replace(with_mean_waits(params), futures=expected, objective=params.objective or Objective())
+    alone = replace(as_expected(params), objective=params.objective.measured())
 
     def one(segment: int, before: float, after: float) -> Leg:
         crossed = cross(alone, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
@@ -196,8 +196,8 @@ def _legs(
             minutes=(after - before) / 60,
             entered=(before - route.clocks[0]) / 60,
             density=float(density[segment, slot]),
-            exposure=float(jnp.asarray(crossed.exposure)),
-            too_dense=bool(crossed.too_dense),
+            exposure=float(crossed.measures["exposure"]),
+            too_dense=bool(crossed.measures["too_dense"]),
             course=streets.course(segment),
         )
 

@@ -2,25 +2,25 @@
 
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import MAXYEAR, datetime
-from pathlib import Path
 
 import numpy as np
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.profile import time_of_week
-from sidestep.crowds.sensors import SensorFlow
 from sidestep.crowds.table import TableFlow
 from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.splice import Spliced, splice
 from sidestep.network.town import Town
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.grid_plan import RouteError
-from sidestep.scenarios.build import town_of, with_live_counts
-from sidestep.scenarios.maps import ScenarioMap
-from sidestep.scenarios.model import DAYS, Scenario, Venue
+from sidestep.scenarios.build import town_of
+from sidestep.scenarios.maps import ScenarioMap, with_live_counts
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.places import Place
+from sidestep.scenarios.values import DAYS
 
 _PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*", re.ASCII)
 
@@ -61,15 +61,12 @@ class End:
         return f"crossing {self.node}" if self.asked is None else f"{self.asked[0]:.5f},{self.asked[1]:.5f}"
 
 
-AUCKLAND = "Auckland's counts (Heart of the City Auckland, CC BY 4.0)"
-
-
 @dataclass(frozen=True)
 class Trip:
     """A walk that is to be planned."""
 
     scenario: Scenario
-    venue: Venue
+    venue: Place
     streets: Spliced
     place: ScenarioMap  # at the hour of the departure
     origin: End
@@ -80,17 +77,12 @@ class Trip:
     @property
     def crowds(self) -> str:
         """Where the crowds come from."""
-        if self.venue.tabled:
-            return f"table {Path(self.venue.counts).name}"
-        ours = self.venue.counts == "auckland"
-        whose = AUCKLAND if ours else f"counts of {Path(self.venue.counts).name}"
-        paired = not self.venue.sensors or any(sensor.place is None for sensor in self.venue.sensors)
-        return f"{whose}, paired with these streets by a seed (synthetic)" if paired else whose
+        return "; ".join(filter(None, (self.venue.attribution, self.venue.synthetic)))
 
     @property
     def certain(self) -> bool:
         """Whether all futures are alike: crowds come exactly as in a table, and nobody waits at lights."""
-        return self.venue.tabled and self.venue.noise[1] == 0 and self.venue.traffic is None
+        return self.venue.certain
 
     @property
     def splits(self) -> bool:
@@ -148,7 +140,7 @@ def read_minutes(text: str) -> float:
     return minutes
 
 
-def read_departure(text: str | None, venue: Venue, *, timed: bool = True) -> Departure:
+def read_departure(text: str | None, venue: Place, *, timed: bool = True) -> Departure:
     """Local wall time in ISO 8601; by default the first hour at which people usually set out.
 
     Crowds that are not ``timed`` know no hours: walks begin with their first slot, and no time can be asked for.
@@ -163,10 +155,10 @@ def read_departure(text: str | None, venue: Venue, *, timed: bool = True) -> Dep
         if text is None:
             return Departure(None)
         raise RouteError(
-            f"{Path(venue.counts).name} has slots without times, so all walks set out as it begins; leave out --depart"
+            f"{venue.attribution} has slots without times, so all walks set out as it begins; leave out --depart"
         )
     if text is None:
-        return Departure(venue.starts(1)[0])
+        return Departure(venue.departure_hours(1)[0])
     try:
         time = datetime.fromisoformat(text.strip())
     except ValueError:
@@ -207,8 +199,8 @@ def prepare(
         Nodes that there are not, places outside the town, no way between them, a departure about which a table says
         nothing, counts of another place or time, or where crowds come from a table.
     """
-    venue = scenario.venue
-    if venue is None:
+    venue = scenario.place
+    if not venue.streets:
         raise RouteError(f"{scenario.name} is no real place; give nodes and minutes")
     town = town_of(venue.streets)
     snap = Snapper(town)
@@ -220,26 +212,23 @@ def prepare(
     network = streets.network
     if not math.isfinite(distances_to(network, np.asarray(network.length), streets.nodes[1])[streets.nodes[0]]):
         raise RouteError(f"no way leads from {ends[0].text} to {ends[1].text}; streets may be one-way or apart")
-    # Futures are simulated: there are only as many recorded weeks as were counted, and none goes on from now.
-    here, counted = place.spliced(streets), None
+    here, counted = place.on_pieces(streets), None
     if departure.hour is not None:
         _check_covered(place.flow, departure.hour, departure.text, venue)
-        here = here.beginning([departure.hour])
     if counts is not None:
-        if not isinstance(here.flow, SensorFlow):
+        if not here.sensors:
             raise RouteError(f"--live takes counts of sensors, but the crowds of {scenario.name} come from a table")
         if departure.time is None:
             raise RouteError("current counts need a departure with its day, such as --depart 2025-05-24T12:30")
-        flow, counted = with_live_counts(venue, here.flow, counts, departure.time)
-        here = replace(here, flow=flow)
+        here, counted = with_live_counts(here, counts, departure.time)
     return Trip(scenario, venue, streets, here, *ends, departure, counted)
 
 
-def _check_covered(flow: FlowModel, hour: float, said: str, venue: Venue) -> None:
+def _check_covered(flow: FlowModel, hour: float, said: str, venue: Place) -> None:
     """Refuse hours of the week about which a table says nothing."""
     if isinstance(flow, TableFlow) and flow.begins is not None and not flow.covers(hour):
         raise RouteError(
-            f"{Path(venue.counts).name} covers {flow.span / 3600:g} hours from {_day_and_time(flow.begins)} on, "
+            f"{venue.attribution} covers {flow.span / 3600:g} hours from {_day_and_time(flow.begins)} on, "
             f"but the departure is {said}"
         )
 

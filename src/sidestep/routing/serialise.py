@@ -1,6 +1,5 @@
 """The shape of ``route --json`` for real places."""
 
-from dataclasses import asdict
 from typing import TypedDict
 
 import numpy as np
@@ -10,7 +9,6 @@ from sidestep.evaluation.metrics import spread
 from sidestep.routing.directions import crowding_word, directions, mean_density
 from sidestep.routing.plan import Journey, Others
 from sidestep.routing.request import End
-from sidestep.scenarios.build import sensors_of
 
 
 class EndJson(TypedDict):
@@ -98,14 +96,14 @@ def itinerary(journey: Journey, by: float | None = None) -> JourneyJson:
     density = mean_density(journey.legs)
     return {
         "scenario": trip.scenario.name,
-        "objective": None if trip.scenario.objective is None else asdict(trip.scenario.objective),
+        "objective": trip.scenario.objective.to_json(),
         "planner": journey.planner.name,
         "level": journey.planner.level,
         "departure": None if trip.departure.time is None else trip.departure.time.isoformat(),
         "departs": trip.departure.text,
         "hour_of_week": trip.departure.hour,
         "counted_sensors": trip.counted,
-        "sensors": None if trip.venue.tabled else len(sensors_of(trip.venue)),
+        "sensors": len(set(trip.place.sensors)) or None,
         "origin": _end_json(trip.origin),
         "destination": _end_json(trip.destination),
         "steps": [
