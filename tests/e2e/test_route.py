@@ -90,7 +90,7 @@ def test_bad_input_ends_the_process_with_a_sentence(tmp_path) -> None:
         ("helsinki --from 99999", "there is no node 99999 to be the origin; nodes are numbered 0 to 945"),
         ("helsinki --to -1", "there is no node -1 to be the destination"),
         ("helsinki --from -36.85,174.76", "from the nearest street, so it is not in this town"),
-        ("helsinki --from 120,24", "120, 24 is no place"),
+        ("helsinki --from 120,24", "120, 24 is not a valid place"),
         ("helsinki --from 5 --to 5", "crossing 5 and crossing 5 are the same place"),
         ("helsinki --depart 30", "--depart must be a local time such as 2025-05-24T12:30, not '30'"),
         ("helsinki --depart 2025-05-24", "--depart must be a local time such as 2025-05-24T12:30, not '2025-05-24'"),

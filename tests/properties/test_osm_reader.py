@@ -13,8 +13,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sidestep.network.formats import load_town, save_town
-from sidestep.network.osm import OsmError, import_osm
-from sidestep.network.town import Town, TownError, course_lengths, metres_between
+from sidestep.network.geodesy import course_lengths, metres_between
+from sidestep.network.osm import import_osm
+from sidestep.network.osm_file import OsmError
+from sidestep.network.town import Town, TownError
 
 SUFFIXES = [".osm", ".osm.gz", ".osm.pbf", ".npz", ".graphml"]
 STEP = 0.00003  # degrees, about 3 m: towns in which nearly everything may merge

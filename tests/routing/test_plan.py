@@ -18,9 +18,9 @@ from sidestep.crowds.crowd_table import read_table, save_crowd_table
 from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.network.formats import save_town
-from sidestep.network.snap import Snapper
-from sidestep.network.splice import splice
-from sidestep.network.town import Town, metres_between
+from sidestep.network.geodesy import metres_between
+from sidestep.network.snapping import Snapper, split_streets
+from sidestep.network.town import Town
 from sidestep.planners.learned import Learned
 from sidestep.planners.reactive import Forecast
 from sidestep.planners.shortest_path import distances_to
@@ -257,7 +257,7 @@ def test_either_end_of_a_street(tiny, origin, destination, metres: float) -> Non
 @pytest.mark.parametrize(("seconds", "name"), [(200.0, "Long Street"), (300.0, "Back Road")])
 def test_parallel_streets_are_told_by_their_time(make_params, constant_field, seconds: float, name: str) -> None:
     town = small_town()
-    streets = splice(town, [0, 1])
+    streets = split_streets(town, [0, 1])
     params = make_params(streets.network, constant_field(streets.network, speed=1.0))
     assert town.name[streets.street[_segment(params, 0, 1, 60.0, 60.0 + seconds)]] == name
 
@@ -320,7 +320,7 @@ def test_counts_need_a_day(tiny, tmp_path) -> None:
         (9, 0, "there is no node 9 to be the origin; nodes are numbered 0 to 7"),
         (0, -1, "there is no node -1 to be the destination"),
         (at(5000, 0), 0, "m from the nearest street, so it is not in this town"),
-        (0, (91.0, 0.0), "91, 0 is no place"),
+        (0, (91.0, 0.0), "91, 0 is not a valid place"),
     ],
 )
 def test_walks_that_cannot_be(tiny, origin, destination, says: str) -> None:
@@ -454,12 +454,12 @@ def hours(tiny: Scenario, **changes: object) -> Scenario:
 
 def test_pieces_are_as_dense_as_their_street(tiny) -> None:
     place = draw_map(hours(tiny), 0)
-    streets = splice(small_town(), [Snapper(small_town()).nearest(*at(x, 0)) for x in (50, 120)])
+    streets = split_streets(small_town(), [Snapper(small_town()).nearest(*at(x, 0)) for x in (50, 120)])
     here = place.spliced(streets)
     lengths = np.asarray(here.network.length)
     assert lengths[np.flatnonzero(streets.parent == LONG)] == pytest.approx([50, 70, 80], abs=0.01)
-    assert streets.share[np.flatnonzero(streets.parent == LONG)] == pytest.approx([0.25, 0.35, 0.4], abs=1e-4)
-    assert (streets.share[: streets.town.streets][1:] == 1).all()
+    assert streets.fraction[np.flatnonzero(streets.parent == LONG)] == pytest.approx([0.25, 0.35, 0.4], abs=1e-4)
+    assert (streets.fraction[: streets.town.streets][1:] == 1).all()
     for hour in (132.0, 133.0):
         before, after = (
             np.asarray(there.beginning([hour]).flow.expected(3).density(there.network)[0]) for there in (place, here)

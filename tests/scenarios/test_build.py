@@ -17,7 +17,7 @@ from sidestep.crowds.profile import hour_of_week
 from sidestep.crowds.sensors import fit_sensors, recorded_weeks
 from sidestep.environment.types import Local, Observation, Usual
 from sidestep.network.formats import load_helsinki
-from sidestep.network.snap import Snapper
+from sidestep.network.snapping import Snapper
 from sidestep.planners.base import walk_plan
 from sidestep.planners.learned import ModelError, load_planners, trainable
 from sidestep.planners.reactive import GreedyMap

@@ -361,7 +361,7 @@ def test_changes_that_mean_nothing_are_refused(write) -> None:
         (HELSINKI + "[objective]\nmax_density = 0", "line 4: objective.max_density must be a positive number"),
         (HELSINKI + "[objective]\nsafety = 1", "line 4: unknown field 'safety' in [objective]; there are time"),
         (HELSINKI + "[sensors]\n'45 Queen Street' = [24.94, 60.17]", "line 4: sensors.45 Queen Street: sensor"),
-        (HELSINKI + "[sensors]\n'45 Queen Street' = [240, 60.17]", "240, 60.17 is no place"),
+        (HELSINKI + "[sensors]\n'45 Queen Street' = [240, 60.17]", "240, 60.17 is not a valid place"),
         # files
         ("[network]\nfile = 'no.npz'", "line 2: network.file: there is no file /"),
         ("[network]\nfile = '.'", "is a folder, not a file"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.network.town import EARTH_RADIUS
+from sidestep.network.geodesy import EARTH_RADIUS
 
 SIGHT = 15.0  # m along a street from a crossing that tell in which direction it leads
 TURNS = ((20.0, "straight on"), (60.0, "bear"), (120.0, "turn"), (165.0, "sharp"), (math.inf, "turn round"))

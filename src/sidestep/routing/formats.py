@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET  # written only, never parsed
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.network.town import metres_between
+from sidestep.network.geodesy import metres_between
 from sidestep.routing.directions import Leg, directions
 from sidestep.routing.plan import Journey
 from sidestep.routing.serialise import JourneyJson, itinerary

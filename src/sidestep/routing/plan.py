@@ -13,7 +13,7 @@ from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.evaluation.metrics import totals_of
-from sidestep.network.splice import Spliced
+from sidestep.network.snapping import SplitStreets
 from sidestep.planners.base import Plan, Planner, Route, walk_plan
 from sidestep.planners.reactive import Snapshot
 from sidestep.planners.shortest_path import ShortestPath
@@ -109,7 +109,7 @@ def _results(
     )
 
 
-def _densest(streets: Spliced, density: Float[np.ndarray, " segment"]) -> Float[np.ndarray, " street"]:
+def _densest(streets: SplitStreets, density: Float[np.ndarray, " segment"]) -> Float[np.ndarray, " street"]:
     """The densest of each street's pieces and directions; tables may tell directions apart."""
     found = np.zeros(streets.town.streets, density.dtype)
     np.maximum.at(found, streets.street, density)
@@ -178,7 +178,7 @@ _FIRST_SLOTS = 4  # for which counts are shown; doubled until everybody has arri
 
 
 def _legs(
-    streets: Spliced, params: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route
+    streets: SplitStreets, params: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route
 ) -> tuple[Leg, ...]:
     """The streets of a route through the expected crowds, which are so dense, in persons/m²."""
     town, length, expected = streets.town, np.asarray(params.network.length), params.expected

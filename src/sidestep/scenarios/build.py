@@ -13,7 +13,7 @@ from sidestep.environment.types import RewardWeights
 from sidestep.files import cached_by_files
 from sidestep.network.formats import load_helsinki, load_town
 from sidestep.network.graph import RoadNetwork
-from sidestep.network.snap import Snapper
+from sidestep.network.snapping import Snapper
 from sidestep.network.town import Town
 from sidestep.scenarios.crowd_sources import HOUR, Check, crowds_of
 from sidestep.scenarios.model import ObjectiveSpec, RewardSpec

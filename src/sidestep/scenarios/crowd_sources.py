@@ -18,7 +18,7 @@ from sidestep.crowds.interpolation import interpolation_weights
 from sidestep.crowds.sensors import SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
-from sidestep.network.snap import Snapper
+from sidestep.network.snapping import Snapper
 from sidestep.network.town import Town
 from sidestep.scenarios.places import Counters, CrowdTable, Sensor, Venue
 from sidestep.scenarios.spec import ScenarioError

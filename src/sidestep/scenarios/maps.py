@@ -19,7 +19,7 @@ from sidestep.crowds.live import CurrentCounts
 from sidestep.crowds.profile import hour_of_week
 from sidestep.crowds.sensors import SensorFlow
 from sidestep.network.graph import RoadNetwork
-from sidestep.network.splice import Spliced
+from sidestep.network.snapping import SplitStreets
 from sidestep.scenarios.build import venue_parts
 from sidestep.scenarios.grids import DrawnGrid, streets_and_crowds
 from sidestep.scenarios.model import Scenario
@@ -57,9 +57,9 @@ class ScenarioMap(eqx.Module):
         """The crowds that walks of one purpose meet."""
         return self.test_flow if purpose == "test" else self.flow
 
-    def on_pieces(self, streets: Spliced) -> "ScenarioMap":
+    def on_pieces(self, streets: SplitStreets) -> "ScenarioMap":
         """The same map with some streets split and the same crowds on all their pieces, for walks from anywhere."""
-        parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
+        parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.fraction, jnp.float32)
         flow = self.flow.on_pieces(parent, fraction)
         return replace(
             self,
@@ -70,7 +70,7 @@ class ScenarioMap(eqx.Module):
             parts=(streets.network.nodes,),
             origins=(),
             destinations=(),
-            waits=self.waits.on_pieces(parent, jnp.asarray(streets.begins_whole)),
+            waits=self.waits.on_pieces(parent, jnp.asarray(streets.begins_at_crossing)),
         )
 
     @property

@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.network.graph import RoadNetwork
-from sidestep.network.snap import Snapped, Snapper
+from sidestep.network.snapping import StreetPoint, Snapper
 from sidestep.network.town import Town, TownError
 from sidestep.scenarios.places import Sensor
 from sidestep.scenarios.spec import ScenarioError
@@ -73,7 +73,7 @@ def nearest_street(snapper: Snapper, sensor: Sensor) -> int | None:
     return nearest(snapper, "sensors", f"sensor {sensor.name!r}", sensor.place).street
 
 
-def nearest(snapper: Snapper, field: str, what: str, place: tuple[float, float]) -> Snapped:
+def nearest(snapper: Snapper, field: str, what: str, place: tuple[float, float]) -> StreetPoint:
     """The nearest place on a street.
 
     Raises
@@ -115,7 +115,7 @@ def _crossing(town: Town, snapper: Snapper, name: str, waypoint: Waypoint) -> in
             )
         return waypoint
     on = nearest(snapper, name, name, waypoint)
-    return int(town.tail[on.street] if on.part < 0.5 else town.head[on.street])
+    return int(town.tail[on.street] if on.fraction < 0.5 else town.head[on.street])
 
 
 def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tuple[int, ...]) -> None:
