@@ -12,7 +12,6 @@ from hypothesis.extra import numpy as hnp
 
 from sidestep.crowds.base import FlowField
 from sidestep.network.graph import road_network
-from sidestep.scenarios.model import LAWS
 from sidestep.walking.crossing_time import (
     CROSSING_RULES,
     CrossingRule,
@@ -22,7 +21,7 @@ from sidestep.walking.crossing_time import (
     leaving_clock,
 )
 from sidestep.walking.speed_field import dense_speeds, speed_field, walking_speeds
-from sidestep.walking.speed_laws import Aoki, SpeedLaw, Weidmann
+from sidestep.walking.speed_laws import LAWS, Aoki, SpeedLaw, Weidmann
 
 SLOTS = 6
 EPS = float(np.finfo(np.float32).eps)
