@@ -80,7 +80,7 @@ def test_crossings_with_the_same_number_have_no_graphml(town, tmp_path) -> None:
         (">99.99773879316534<", ">1e99<", "length"),
         (">99.99773879316534<", ">0<", "length"),
         ("LINESTRING (0 0, 0", "POINT (0 0, 0", "geometry"),
-        ("LINESTRING (0 0, 0", "LINESTRING (0 0 7, 0", "geometry"),
+        ("LINESTRING (0 0, 0", "LINESTRING (0 0 east, 0", "geometry"),
         ("LINESTRING (0 0, 0", "LINESTRING EMPTY (0 0, 0", "geometry"),
         ("LINESTRING (0 0, 0", "LINESTRING (0 nan, 0", "points"),
         ("LINESTRING (0 0, 0", "LINESTRING (0 900, 0", "points"),

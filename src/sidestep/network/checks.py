@@ -40,7 +40,21 @@ def check_edges(
     ends: dict[str, Int[np.ndarray, " edge"]],
     metres: dict[str, Shaped[np.ndarray, " edge"]],
 ) -> None:
-    """Raise an error unless edges join two different known nodes, and their measures are positive."""
+    """Raise an error unless edges join two different known nodes, and their measures are positive.
+
+    Parameters
+    ----------
+    error
+        What to raise.
+    item
+        What an edge is called.
+    nodes
+        Number of nodes.
+    ends
+        Nodes where edges begin, then where they end, by the name of the field.
+    metres
+        Measures by the name of the field.
+    """
     for field, node in ends.items():
         check_each(error, item, field, node, (node >= 0) & (node < nodes), f"be a node, 0 to {nodes - 1}")
     tail, head = ends.values()

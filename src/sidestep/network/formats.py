@@ -27,7 +27,17 @@ _COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 
 
 def check_suffix(path: Path) -> str:
-    """Tell the ending of a file name, in lower case.
+    """Make sure that a file name's ending names a format.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    str
+        The ending in lower case.
 
     Raises
     ------

@@ -24,23 +24,67 @@ class Projection:
 
     @classmethod
     def of(cls, lonlat: Float[np.ndarray, "point 2"]) -> "Projection":
-        """Project about the middle of the points' bounding box."""
+        """Project about the middle of some points' bounding box.
+
+        Parameters
+        ----------
+        lonlat
+            Longitudes and latitudes in degrees, at least one.
+
+        Returns
+        -------
+        Projection
+            The plane.
+        """
         centre = (lonlat.min(axis=0) + lonlat.max(axis=0)) / 2
         return cls(centre, np.radians(EARTH_RADIUS) * np.array([np.cos(np.radians(centre[1])), 1.0]))
 
     def project(self, lonlat: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
-        """Convert degrees of longitude and latitude to metres."""
+        """Convert degrees to metres.
+
+        Parameters
+        ----------
+        lonlat
+            Longitudes and latitudes in degrees.
+
+        Returns
+        -------
+        Float[np.ndarray, "*point 2"]
+            Metres east and north of the centre.
+        """
         return (np.asarray(lonlat, np.float64) - self.centre) * self.scale
 
     def unproject(self, xy: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
-        """Convert metres back to degrees of longitude and latitude."""
+        """Convert metres back to degrees.
+
+        Parameters
+        ----------
+        xy
+            Metres east and north of the centre.
+
+        Returns
+        -------
+        Float[np.ndarray, "*point 2"]
+            Longitudes and latitudes in degrees.
+        """
         return xy / self.scale + self.centre
 
 
 def metres_between(
     start: Float[np.ndarray, "point 2"], end: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, " point"]:
-    """Great-circle distance in metres between longitudes and latitudes in degrees, pair by pair."""
+    """Compute great-circle distances, pair by pair.
+
+    Parameters
+    ----------
+    start, end
+        Longitudes and latitudes in degrees.
+
+    Returns
+    -------
+    Float[np.ndarray, " point"]
+        Metres.
+    """
     (lon_a, lat_a), (lon_b, lat_b) = np.radians(start).T, np.radians(end).T
     a = np.sin((lat_b - lat_a) / 2) ** 2 + np.cos(lat_a) * np.cos(lat_b) * np.sin((lon_b - lon_a) / 2) ** 2
     return 2 * EARTH_RADIUS * np.arcsin(np.sqrt(np.minimum(a, 1)))
@@ -49,7 +93,20 @@ def metres_between(
 def course_lengths(
     points: Float[np.ndarray, "point 2"], first: Int[np.ndarray, " border"]
 ) -> Float[np.ndarray, " street"]:
-    """Length in metres of each course; ``first`` says where in ``points`` each begins, and has the end appended."""
+    """Compute the lengths of courses.
+
+    Parameters
+    ----------
+    points
+        Longitudes and latitudes in degrees of all courses, one course after another.
+    first
+        Index in ``points`` where each course begins, and at last the number of points.
+
+    Returns
+    -------
+    Float[np.ndarray, " street"]
+        Metres.
+    """
     legs = metres_between(points[:-1], points[1:])
     legs[first[1:-1] - 1] = 0  # from the end of one course to the start of the next
     return np.add.reduceat(np.append(legs, 0.0), first[:-1]) if len(first) > 1 else np.zeros(0)

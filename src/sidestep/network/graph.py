@@ -73,15 +73,43 @@ class RoadNetwork(eqx.Module):
         return self.exit_node != ABSENT
 
     def distance_matrix(self) -> Float[Array, "node node"]:
-        """Lengths in metres from node i to node j, -1 where no segment leads there (the paper's D, eq. 1)."""
+        """Arrange lengths as the paper's matrix D (eq. 1).
+
+        Returns
+        -------
+        Float[Array, "node node"]
+            Metres from node i to node j, -1 where no segment leads there.
+        """
         return self.matrix(self.length)
 
     def matrix(self, value: Float[Array, " segment"]) -> Float[Array, "node node"]:
-        """A value per segment as a node-by-node matrix, -1 where there is no segment (eqs. 1 and 2)."""
+        """Arrange a value per segment as a node-by-node matrix (the paper's eqs. 1 and 2).
+
+        Parameters
+        ----------
+        value
+            One number for each segment.
+
+        Returns
+        -------
+        Float[Array, "node node"]
+            The value of the segment from node i to node j, -1 where there is none.
+        """
         return jnp.full((self.nodes, self.nodes), float(ABSENT)).at[self.tail, self.head].set(value)
 
     def straight_line(self, node: Int[Array, ""], destination: Int[Array, ""]) -> Float[Array, ""]:
-        """Straight-line distance in metres (the paper's phi)."""
+        """Compute the straight-line distance to a destination (the paper's phi).
+
+        Parameters
+        ----------
+        node, destination
+            Nodes.
+
+        Returns
+        -------
+        Float[Array, ""]
+            Metres.
+        """
         return jnp.linalg.norm(self.position[node] - self.position[destination])
 
 

@@ -27,6 +27,13 @@ def write_graphml(town: Town, file: BinaryIO) -> None:
     osmnx tells the two directions of a street by their ``osmid``. A joined street has no way's number any more, so
     streets are numbered anew, and negatively, as OpenStreetMap's editors number what is not in the database.
 
+    Parameters
+    ----------
+    town
+        The streets.
+    file
+        Where to write.
+
     Raises
     ------
     TownError
@@ -69,10 +76,20 @@ def write_graphml(town: Town, file: BinaryIO) -> None:
 def read_graphml(file: BinaryIO) -> Town:
     """Read a town from a directed graph in degrees, ours or osmnx's.
 
+    Parameters
+    ----------
+    file
+        Where to read.
+
+    Returns
+    -------
+    Town
+        The streets.
+
     Raises
     ------
     TownError
-        Another graph, or values that make no sense.
+        A graph that is undirected, not in degrees or without streets; invalid values.
     """
     import networkx as nx
 

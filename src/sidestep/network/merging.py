@@ -27,6 +27,20 @@ def assign_crossings(
 
     That is the shortest of the footways and other ways walked on their full width, since it is the one most likely to
     lead over the carriageway; without one, the shortest street.
+
+    Parameters
+    ----------
+    streets
+        All streets.
+    kind
+        What each node is, see `sidestep.network.tags.CrossingKind`.
+    full_width
+        Which streets are walked on their full width.
+
+    Returns
+    -------
+    Streets
+        The same streets with more ``signals`` and ``crossings``.
     """
     street = np.tile(np.arange(len(streets)), 2)
     node = streets.ends.T.ravel()

@@ -47,11 +47,15 @@ class Ways:
     widths: "array[float]" = field(default_factory=lambda: array("d"))
     """Metres available to walkers."""
     one_way: "array[int]" = field(default_factory=lambda: array("b"))
+    """1 where a way is walked in one direction only."""
     name_codes: dict[str, int] = field(default_factory=dict)
+    """Names in the order of their codes."""
     read: int = 0
     """Ways with a ``highway`` tag, walkable or not."""
     dropped: Counter[str] = field(default_factory=Counter)
+    """Number of ways that are not walked, by reason."""
     repaired: Counter[str] = field(default_factory=Counter)
+    """Number of ways that were changed, by what was done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,7 @@ class Nodes:
     """The nodes along walkable ways, in the order of their numbers."""
 
     ids: Int64[np.ndarray, " node"]
+    """OpenStreetMap's numbers, ascending."""
     place: Float64[np.ndarray, "node 2"]
     """Longitude and latitude in degrees; NaN where the file lacks the node."""
     kind: Int8[np.ndarray, " node"]
@@ -74,6 +79,11 @@ def read_walkable(path: Path, widths: Mapping[str, float]) -> tuple[Ways, Nodes]
         The file; its ending is its format.
     widths
         Metres available to walkers by kind of street, where no tag gives a width.
+
+    Returns
+    -------
+    Ways, Nodes
+        At least one way, and all nodes that ways name.
 
     Raises
     ------
@@ -112,8 +122,9 @@ def _read_ways(file: "osmium.io.File", widths: Mapping[str, float]) -> Ways:
         ways.read += 1
         tags = dict(way.tags)
         refs = [node.ref for node in way.nodes]
-        excluded = exclusion_reason(tags) or ("way: fewer than two nodes" if len(refs) < 2 else None)
-        excluded = "way: repeated number" if way.id in seen else excluded
+        excluded = "way: repeated number" if way.id in seen else exclusion_reason(tags)
+        if len(refs) < 2:
+            excluded = excluded or "way: fewer than two nodes"
         seen.add(way.id)
         if excluded is not None:
             ways.dropped[excluded] += 1

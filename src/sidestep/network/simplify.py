@@ -48,6 +48,11 @@ def merge_degree_two(streets: Streets) -> tuple[Streets, int]:
     streets have the mean width by length, and the kind and name of the longer part. A town that is one ring stays as it
     is.
 
+    Parameters
+    ----------
+    streets
+        All streets.
+
     Returns
     -------
     Streets, int

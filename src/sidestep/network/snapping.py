@@ -38,6 +38,7 @@ class Snapper:
     """Find the nearest street of a town. Its index is built once; a query takes well under a millisecond."""
 
     town: Town
+    """The town whose streets are searched."""
 
     def nearest(self, latitude: float, longitude: float, farthest: float = FARTHEST) -> StreetPoint:
         """Find the nearest point on a street.
@@ -76,9 +77,11 @@ class Snapper:
                 field="place",
             )
         street = int(candidates.min())  # of streets that meet at the nearest crossing, always the same one
-        fraction = float(shapely.line_locate_point(lines[street], here, normalized=True))
-        on_street = shapely.line_interpolate_point(lines[street], fraction, normalized=True)
-        (longitude, latitude), *_ = town.projection.unproject(shapely.get_coordinates(on_street)).tolist()
+        line = lines[street]
+        along = shapely.line_locate_point(line, here)
+        on_street = shapely.get_coordinates(shapely.line_interpolate_point(line, along))[0]
+        longitude, latitude = town.projection.unproject(on_street).tolist()
+        fraction = float(along) / max(line.length, 1e-12)  # two crossings may be at the same place
         return StreetPoint(street, fraction, float(distance), (latitude, longitude))
 
     @cached_property
@@ -125,7 +128,18 @@ class SplitStreets:
         return np.abs(self.end - self.begin)
 
     def course(self, segment: int) -> Float[np.ndarray, "point 2"]:
-        """Longitude and latitude along one segment, in walking direction."""
+        """Give the course of one segment.
+
+        Parameters
+        ----------
+        segment
+            Its number.
+
+        Returns
+        -------
+        Float[np.ndarray, "point 2"]
+            Longitudes and latitudes in degrees, in walking direction.
+        """
         begin, end = float(self.begin[segment]), float(self.end[segment])
         course = self.town.course(int(self.street[segment]))
         if abs(end - begin) == 1:

@@ -36,7 +36,18 @@ class Streets:
         return np.stack([self.tail, self.head], axis=1)
 
     def keep(self, which: Bool[np.ndarray, " street"]) -> "Streets":
-        """Select streets, in their order."""
+        """Select streets.
+
+        Parameters
+        ----------
+        which
+            Whether to keep each street.
+
+        Returns
+        -------
+        Streets
+            Those to keep, in their order.
+        """
         rows = np.flatnonzero(which)
         order, first = ranges(self.first[rows], np.diff(self.first)[rows])
         columns = {field.name: getattr(self, field.name)[rows] for field in fields(self)[:-2]}
@@ -46,14 +57,36 @@ class Streets:
 def ranges(
     start: Int[np.ndarray, " range"], count: Int[np.ndarray, " range"], step: Int[np.ndarray, " range"] | int = 1
 ) -> tuple[Int[np.ndarray, " number"], Int64[np.ndarray, " border"]]:
-    """Give the numbers of several ranges one after another, and where each range begins."""
+    """List the numbers of several ranges one after another.
+
+    Parameters
+    ----------
+    start, count, step
+        First number of each range, how many there are, and the distance between them.
+
+    Returns
+    -------
+    Int[np.ndarray, " number"], Int64[np.ndarray, " border"]
+        The numbers; and where among them each range begins, with their total at last.
+    """
     first = np.concatenate([[0], np.cumsum(count, dtype=np.int64)]).astype(np.int64)
     within = np.arange(first[-1]) - np.repeat(first[:-1], count)
     return np.repeat(start, count) + within * np.repeat(np.broadcast_to(step, len(count)), count), first
 
 
 def largest_component(streets: Streets) -> Bool[np.ndarray, " street"]:
-    """Find the streets of the largest strongly connected component, by its number of nodes."""
+    """Find the largest part of a town in which every node can be reached from every other.
+
+    Parameters
+    ----------
+    streets
+        At least one.
+
+    Returns
+    -------
+    Bool[np.ndarray, " street"]
+        Whether each street is in the strongly connected component with the most nodes.
+    """
     nodes = int(streets.ends.max()) + 1
     back = ~streets.one_way
     tail = np.concatenate([streets.tail, streets.head[back]])

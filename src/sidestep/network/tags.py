@@ -70,10 +70,20 @@ class CrossingKind(IntEnum):
 
 
 def exclusion_reason(tags: Tags) -> str | None:
-    """Tell why a way with a ``highway`` tag is not walked, or give None where it is.
+    """Tell why a way is not walked.
 
     ``foot`` takes precedence over ``access``. A road whose pavements are mapped as separate ways
     (``sidewalk=separate``) is excluded, or walkers would have three parallel streets to choose from.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, ``highway`` among them.
+
+    Returns
+    -------
+    str or None
+        The reason, as reports have it; None for a way that is walked.
     """
     kind, sides = tags["highway"], _sides(tags)
     foot = tags.get("foot")
@@ -96,10 +106,20 @@ def exclusion_reason(tags: Tags) -> str | None:
 
 
 def direction(tags: Tags) -> int:
-    """Give 1 where a way is walked only as it is drawn, -1 only against that, 0 both ways.
+    """Tell in which direction a way is walked.
 
     ``oneway:foot`` counts everywhere, and escalators (``conveying``) carry people one way. ``oneway`` is about
     vehicles; it counts for walkers only on footways, steps and corridors where cycling is not allowed.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, ``highway`` among them.
+
+    Returns
+    -------
+    int
+        1 only as it is drawn, -1 only against that, 0 both ways.
     """
     value = {"forward": "yes", "backward": "-1"}.get(tags.get("conveying", ""), tags.get("oneway:foot"))
     if value is None and tags["highway"] in ("footway", "steps", "corridor") and tags.get("bicycle") not in _ALLOWED:
@@ -108,9 +128,21 @@ def direction(tags: Tags) -> int:
 
 
 def walkable_width(tags: Tags, table: Mapping[str, float] = WIDTHS) -> tuple[float, bool]:
-    """Give the metres available to walkers on a way, and whether a width tag had to be ignored as unreadable.
+    """Tell how wide a way is for walkers.
 
     Roads with a pavement on one side, or none, have half the table's width.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, ``highway`` among them.
+    table
+        Metres by kind of street where no tag gives a width.
+
+    Returns
+    -------
+    float, bool
+        Metres, and whether an unreadable width tag was ignored.
     """
     kind = tags["highway"]
     if kind in FULL_WIDTH:
@@ -125,7 +157,18 @@ def walkable_width(tags: Tags, table: Mapping[str, float] = WIDTHS) -> tuple[flo
 
 
 def parse_width(text: str) -> float | None:
-    """Read metres from "3", "3.5 m", "12'" or "10 ft"; None where it is unreadable or not 0.3 to 100 m."""
+    """Read a width.
+
+    Parameters
+    ----------
+    text
+        Such as "3", "3.5 m", "12'" or "10 ft".
+
+    Returns
+    -------
+    float or None
+        Metres; None for what is unreadable or not 0.3 to 100 m.
+    """
     match = _LENGTH.fullmatch(text[:40].lower())
     if match is None:
         return None
@@ -138,7 +181,17 @@ def parse_width(text: str) -> float | None:
 
 
 def width_table(changes: Mapping[str, float] | None) -> dict[str, float]:
-    """Give the table of widths with some of them changed.
+    """Change some widths of the table.
+
+    Parameters
+    ----------
+    changes
+        Metres by kind of street.
+
+    Returns
+    -------
+    dict
+        Metres for all kinds of streets that are walked.
 
     Raises
     ------
@@ -159,7 +212,18 @@ def width_table(changes: Mapping[str, float] | None) -> dict[str, float]:
 
 
 def crossing_kind(tags: Tags) -> CrossingKind:
-    """Tell whether a node is a crossing of vehicle traffic, and whether it has signals."""
+    """Tell whether a node is a crossing of vehicle traffic, and whether it has signals.
+
+    Parameters
+    ----------
+    tags
+        Tags of the node.
+
+    Returns
+    -------
+    CrossingKind
+        What it is.
+    """
     crossing = tags.get("crossing", "no")
     signals = tags.get("crossing:signals") == "yes"
     if signals or "traffic_signals" in (crossing, tags.get("highway")):

@@ -104,7 +104,13 @@ class Town:
         return road_network(self.project(self.place), tail, head, self.length[street], width=self.width[street])
 
     def street_of_segment(self) -> tuple[Int[np.ndarray, " segment"], Bool[np.ndarray, " segment"]]:
-        """Give the street of each segment of `network`, and whether the segment leads from its head to its tail."""
+        """Relate the segments of `network` to streets.
+
+        Returns
+        -------
+        Int[np.ndarray, " segment"], Bool[np.ndarray, " segment"]
+            The street of each segment, and whether the segment leads from the street's head to its tail.
+        """
         back = np.flatnonzero(~self.one_way)
         street = np.concatenate([np.arange(self.streets), back])
         return street, np.arange(len(street)) >= self.streets
@@ -115,11 +121,33 @@ class Town:
         return Projection.of(self.place)
 
     def project(self, lonlat: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
-        """Convert degrees of longitude and latitude to the metres of `network`'s positions."""
+        """Convert degrees to the metres of `network`'s positions.
+
+        Parameters
+        ----------
+        lonlat
+            Longitudes and latitudes in degrees.
+
+        Returns
+        -------
+        Float[np.ndarray, "*point 2"]
+            Metres east and north of the middle of the town.
+        """
         return self.projection.project(lonlat)
 
     def course(self, street: int) -> Float[np.ndarray, "point 2"]:
-        """Longitude and latitude along one street, from tail to head."""
+        """Give the course of one street.
+
+        Parameters
+        ----------
+        street
+            Its number.
+
+        Returns
+        -------
+        Float[np.ndarray, "point 2"]
+            Longitudes and latitudes in degrees, from tail to head.
+        """
         return self.points[self.first[street] : self.first[street + 1]]
 
 
