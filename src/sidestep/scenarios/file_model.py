@@ -7,9 +7,9 @@ sensors and lights by name, lists for tuples, and files looked for from the fold
 from datetime import date, datetime
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationInfo, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, field_validator
 
 from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.scenarios import values
@@ -23,7 +23,7 @@ from sidestep.walking.speed_laws import Law
 PAIRED = "paired"
 
 
-def _found(built_in: str, name: str, info: ValidationInfo) -> str:
+def _found(built_in: str, name: str, info: Any) -> str:
     """What comes with the package, or a file that is there, by its whole path."""
     if name == built_in:
         return name
@@ -112,7 +112,7 @@ class CountersFile(Counters):
 
     @field_validator("sensors")
     @classmethod
-    def _aucklands(cls, sensors: tuple[Sensor, ...], info: ValidationInfo) -> tuple[Sensor, ...]:
+    def _aucklands(cls, sensors: tuple[Sensor, ...], info: Any) -> tuple[Sensor, ...]:
         return sensors or (AUCKLAND_SENSORS if info.data.get("file") == "auckland" else ())
 
 
@@ -160,7 +160,7 @@ class ScenarioFile(Scenario):
     walks: values.Count = 500
 
     @classmethod
-    def read(cls, parsed: dict[str, Any], folder: Path) -> Self:
+    def read(cls, parsed: dict[str, Any], folder: Path) -> "ScenarioFile":
         """Check what TOML holds; files are looked for from a folder.
 
         Raises

@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -50,6 +50,12 @@ class Fault(NamedTuple):
     """What is wrong."""
 
 
+S = TypeVar("S", bound="Spec")
+
+
+MOST_LISTED = 16  # names in one sentence
+
+
 class _Refusing(ModelMetaclass):
     """Lets constructors raise this package's error."""
 
@@ -79,7 +85,7 @@ class Spec(BaseModel, metaclass=_Refusing):
         """What messages call it."""
         return type(self).__name__
 
-    def changed(self, **changes: object) -> Self:
+    def changed(self: S, **changes: object) -> S:  # noqa: PYI019 # beartype knows no Self
         """The same with other values, validated again.
 
         Parameters
@@ -143,13 +149,14 @@ def faults(error: ValidationError, kind: type[BaseModel]) -> list[Fault]:
 
 
 def _fault(found: Any, kind: type[BaseModel]) -> Fault:
-    path, kinds = _walk(kind, found["loc"])
-    if found["type"] == "extra_forbidden":
-        _, kinds = _walk(kind, found["loc"][:-1])
+    sort, place = found["type"], found["loc"]
+    if sort == "extra_forbidden":
+        path, kinds = _walk(kind, place[:-1])
         known = [field.alias or name for one in kinds for name, field in one.model_fields.items()]
+        path = (*path, str(place[-1]))
         return Fault(path, f"{'.'.join(path)} is unknown{_meant(path[-1], known)}")
-    sort, path = found["type"], path + ("kind",) * found["type"].startswith("union_tag")
-    if sort == "missing" and isinstance(found["loc"][-1], int):
+    path, _ = _walk(kind, (*place, "kind") if sort.startswith("union_tag") else place)
+    if sort == "missing" and isinstance(place[-1], int):
         sort = "too_short"
     meaning = _MEANINGS[sort].format_map(found.get("ctx", {})) if sort in _MEANINGS else found["msg"]
     but = "" if sort in _COMPLETE else f", not {shown(found['input'])}"
@@ -162,12 +169,17 @@ def _walk(kind: type[BaseModel], place: Iterable[str | int]) -> tuple[tuple[str,
     kinds = [kind]
     for element in place:
         tagged = [one for one in kinds if "kind" in one.model_fields and one.model_fields["kind"].default == element]
-        here = [field for one in kinds for name, field in one.model_fields.items() if element == (field.alias or name)]
+        here = {
+            field.alias or name: field
+            for one in kinds
+            for name, field in one.model_fields.items()
+            if element in (name, field.alias)
+        }
         if len(kinds) > 1 and tagged:
             kinds = tagged
         elif kinds and isinstance(element, str):  # else it is in plain values, or the number of a spec in a list
-            path.append(element)
-            kinds = [inside for field in here for inside in _specs_in(field.annotation)] if here else kinds
+            path += here or [element]
+            kinds = [inside for field in here.values() for inside in _specs_in(field.annotation)] if here else kinds
     return tuple(path), kinds
 
 
@@ -179,8 +191,9 @@ def _specs_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def _meant(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name.lower(), known, n=1)
-    return f"; did you mean {close[0]}?" if close else f"; there are {', '.join(dict.fromkeys(known))}"
+    if close := difflib.get_close_matches(name.lower(), known, n=1):
+        return f"; did you mean {close[0]}?"
+    return f"; there are {', '.join(known)}" if len(known) <= MOST_LISTED else ""
 
 
 def shown(value: object) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator
 
 from sidestep.scenarios.spec import shown
 
@@ -25,7 +25,7 @@ def rule(holds: Callable[[Any], bool], must: str) -> AfterValidator:
 def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) -> Any:
     """A rule of a field that depends on fields before it; it is not asked for where one of these is wrong itself."""
 
-    def check(value: Any, info: ValidationInfo) -> Any:
+    def check(value: Any, info: Any) -> Any:
         try:
             held = holds(value, info.data)
         except KeyError:
