@@ -31,8 +31,7 @@ _HOME = {
     "road_network": "network.graph",
     "routes": "planners.base",
     "scenario": "scenarios.builtin",
-    "train": "agent.train",
-    "train_darp": "planners.learned",
+    "train": "agent.runs",
 }
 __all__ = ["__version__", *_HOME]  # noqa: PLE0604 - all are strings
 
