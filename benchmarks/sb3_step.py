@@ -27,7 +27,7 @@ from stable_baselines3 import DQN
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
-from sidestep.agent.train import train
+from sidestep.agent.train import training_rounds
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import EnvParams
 from sidestep.scenarios.builtin import scenario
@@ -106,12 +106,12 @@ def check_same(grid: Grid, problem: Scenario, scenario_map: ScenarioMap, params:
 
 def sidestep_run(config: TrainConfig, problem: Scenario, scenario_map: ScenarioMap) -> Callable[[], float]:
     """A function that trains one round more and returns the microseconds of a step."""
-    rounds = train(config, problem, scenario_map)
+    rounds = training_rounds(config, problem, scenario_map)
 
     def run() -> float:
         began = perf_counter()
         state, _ = next(rounds)
-        state.network.value.bias.block_until_ready()
+        state.learner.q_network.value.bias.block_until_ready()
         return 1e6 * (perf_counter() - began) / config.round_steps
 
     return run

@@ -14,7 +14,6 @@ import resource
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -25,13 +24,13 @@ import numpy as np
 from streets import write
 
 from sidestep.agent.presets import preset_for
-from sidestep.agent.train import shown, train
+from sidestep.agent.runs import train
 from sidestep.environment.knowledge import expected_cost_to_go
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
 from sidestep.planners.base import walk_plan
-from sidestep.planners.learned import Darp
+from sidestep.planners.learned import trained_darp
 from sidestep.planners.reactive import GreedyMap
 from sidestep.planners.registry import BASELINES, REPLANNING, choose
 from sidestep.planners.shortest_path import ShortestPath
@@ -122,16 +121,13 @@ def training(folder, rounds, walks, destinations):
     """Training by the preset, or to fewer goals, and how the agent then walks held-out futures beside `expected`."""
     problem = find_scenario(folder / "scenario.toml")
     config = preset_for(problem, "default", "map")
-    config = replace(config, rounds=min(rounds or config.rounds, config.rounds))
+    config = config.changed(rounds=min(rounds or config.rounds, config.rounds))
     if destinations:  # and two futures for each, as in the preset
-        config = replace(config, destinations=destinations, futures=2 * destinations, fresh_futures=destinations)
-    scenario_map = draw_map(problem, 0)
+        config = config.changed(destinations=destinations, futures=2 * destinations, fresh_futures=destinations)
     began, ended = perf_counter(), []
-    for state, report in train(config, problem, scenario_map):
-        network = jax.block_until_ready((shown(config, state), report))[0]
-        ended.append(perf_counter() - began)
+    run = train(problem, config, on_round=lambda _: ended.append(perf_counter() - began))
     peak = peak_gib()
-    darp = Darp(network, np.zeros((1, 1)), "map")
+    darp = trained_darp(run.model)
     factories = BASELINES | REPLANNING | {"darp": lambda *_: darp}
     found = compare(problem, choose(["darp"], factories), maps=[0], walks=walks)
     rows = found.as_json()["planners"]

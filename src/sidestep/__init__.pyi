@@ -2,7 +2,7 @@ from .agent.checkpoint import load_model as load_model
 from .agent.config import TrainConfig as TrainConfig
 from .agent.presets import PRESETS as PRESETS
 from .agent.presets import preset as preset
-from .agent.train import train as train
+from .agent.runs import train as train
 from .errors import SidestepError as SidestepError
 from .evaluation.compare import compare as compare
 from .network.formats import load_helsinki as load_helsinki
@@ -12,7 +12,6 @@ from .network.graph import road_network as road_network
 from .network.osm import import_osm as import_osm
 from .planners.base import routes as routes
 from .planners.learned import Darp as Darp
-from .planners.learned import train_darp as train_darp
 from .planners.learned import trained_darp as trained_darp
 from .planners.registry import BASELINES as BASELINES
 from .routing.grid_plan import foresee as foresee

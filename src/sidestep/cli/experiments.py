@@ -42,7 +42,7 @@ def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> N
     output_folder(out)
     config = PRESETS["default"]
     with progress("training on one congested map", config.rounds, config.round_steps, "steps") as advance:
-        shown = demonstrate(out, seed, lambda _, minutes: advance(f"greedy walk {minutes.mean():.0f} min"))
+        shown = demonstrate(out, seed, lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"))
     results = shown.comparison.as_json()
     if as_json:
         print(json.dumps(results, indent=2))

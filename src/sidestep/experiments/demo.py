@@ -8,9 +8,10 @@ import numpy as np
 
 from sidestep import plotting
 from sidestep.agent.presets import PRESETS
+from sidestep.agent.runs import OnRound, train
 from sidestep.evaluation.compare import Comparison, compare
 from sidestep.planners.base import routes
-from sidestep.planners.learned import Darp, OnRound, train_darp
+from sidestep.planners.learned import Darp, trained_darp
 from sidestep.planners.registry import BASELINES
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Clairvoyant
@@ -37,7 +38,7 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     """Train on map 0 of a seed, compare all planners there, and draw the first of the test walks."""
     problem = scenario(SCENARIO)
     scenario_map = draw_map(problem, seed)
-    darp = train_darp(PRESETS["default"], problem, scenario_map, on_round)
+    darp = trained_darp(train(problem, PRESETS["default"], seed=seed, on_round=on_round).model)
     comparison = compare(problem, {**BASELINES, Darp.name: lambda *_: darp}, maps=[0], walks=WALKS, seed=seed)
     params = make_environment(problem, scenario_map, "test", WALKS)
     walk = instances(problem, scenario_map, params, 1)

@@ -50,18 +50,20 @@ Deviations from the paper, and what it leaves open:
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sidestep import plotting
+from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
+from sidestep.agent.runs import train
 from sidestep.evaluation.compare import Comparison, Results, Walked, compare
 from sidestep.experiments import report
 from sidestep.files import write_text
 from sidestep.planners.base import Planner
-from sidestep.planners.learned import Darp, train_darp
+from sidestep.planners.learned import Darp, trained_darp
 from sidestep.planners.registry import BASELINES
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import ScenarioMap
@@ -130,13 +132,16 @@ def reproduce(
 def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable[[str], None]) -> Condition:
     curves: dict[str, list[np.ndarray]] = {Darp.name: [], LITERAL: []}
 
-    def default(scenario_map: ScenarioMap, _index: int) -> Planner:
-        return train_darp(PRESETS["default"], problem, scenario_map)
+    def trained(config: TrainConfig, index: int) -> Planner:
+        return trained_darp(train(problem, config, seed=plan.seed, index=index).model)
 
-    as_printed = replace(PRESETS["paper"], rounds=plan.literal_rounds)
+    def default(_map: ScenarioMap, index: int) -> Planner:
+        return trained(PRESETS["default"], index)
 
-    def literal(scenario_map: ScenarioMap, index: int) -> Planner | None:
-        return train_darp(as_printed, problem, scenario_map) if index < plan.literal_maps else None
+    as_printed = PRESETS["paper"].changed(rounds=plan.literal_rounds)
+
+    def literal(_map: ScenarioMap, index: int) -> Planner | None:
+        return trained(as_printed, index) if index < plan.literal_maps else None
 
     def collect(_index: int, walked: dict[str, Walked]) -> None:
         for name, found in curves.items():

@@ -11,8 +11,7 @@ from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.profile import time_of_week
 from sidestep.crowds.table import TableFlow
-from sidestep.network.snapping import Snapped, Snapper
-from sidestep.network.snapping import Spliced, splice
+from sidestep.network.snapping import Snapped, Snapper, Spliced, splice
 from sidestep.network.town import Town
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.grid_plan import RouteError

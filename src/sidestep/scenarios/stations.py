@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.network.graph import RoadNetwork
-from sidestep.network.snapping import StreetPoint, Snapper
+from sidestep.network.snapping import Snapper, StreetPoint
 from sidestep.network.town import Town, TownError
 from sidestep.scenarios.places import Sensor
 from sidestep.scenarios.spec import ScenarioError
