@@ -8,15 +8,16 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _HOME = {
-    "BASELINES": "planners.registry",
     "Darp": "planners.learned",
     "PRESETS": "agent.presets",
     "RoadNetwork": "network.graph",
     "Scenario": "scenarios.model",
     "SidestepError": "errors",
     "TrainConfig": "agent.config",
+    "choose_planners": "planners.registry",
     "compare": "evaluation.compare",
     "draw_training_map": "scenarios.maps",
+    "find_planner": "planners.registry",
     "foresee": "routing.grid_plan",
     "import_osm": "network.osm",
     "load_helsinki": "network.formats",
@@ -28,6 +29,7 @@ _HOME = {
     "draw_map": "scenarios.maps",
     "make_environment": "scenarios.futures",
     "instances": "scenarios.episodes",
+    "register_planner": "planners.registry",
     "road_network": "network.graph",
     "routes": "planners.base",
     "scenario": "scenarios.builtin",

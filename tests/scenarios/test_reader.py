@@ -16,11 +16,11 @@ from sidestep.agent import checkpoint
 from sidestep.agent.presets import preset_for
 from sidestep.agent.train import fresh_network
 from sidestep.crowds.counts import TEST, TRAIN
-from sidestep.evaluation.compare import walk_map
+from sidestep.evaluation.compare import compare
 from sidestep.files import OutputError
 from sidestep.network.formats import load_helsinki, save_town
 from sidestep.network.graph import road_network
-from sidestep.planners.registry import BASELINES
+from sidestep.planners.shortest_path import ShortestPath
 from sidestep.scenarios.build import check_ways, crossings
 from sidestep.scenarios.builtin import BUILT_IN, changed
 from sidestep.scenarios.episodes import anywhere_to_anywhere, destinations_of, instances, sampler
@@ -481,8 +481,8 @@ def test_the_only_origin_is_nobodys_destination(somewhere) -> None:
 
 def test_a_comparison_walks_between_the_venues_places(somewhere) -> None:
     scenario, _ = somewhere
-    walked = walk_map(scenario, {"shortest-path": BASELINES["shortest-path"]}, 5, 0, None, 0)["shortest-path"]
-    assert walked.minutes.shape == (5,)
+    walked = compare(scenario, {"shortest-path": lambda *_: ShortestPath()}, maps=[0], walks=5).records["shortest-path"]
+    assert walked.minutes.shape == (1, 5)
     assert (walked.minutes > 0).all()
 
 
