@@ -42,7 +42,7 @@ ENTRY_POINTS = "sidestep.planners"
 PlannerFactory = Callable[[ScenarioMap, int], Planner | None]
 """Makes the planner for a map and its number. None skips this map, and then all later ones."""
 
-PlannerSource = TypeVar("PlannerSource", bound=Callable[[], Any] | Planner)
+PlannerSource = TypeVar("PlannerSource")
 
 
 class PlannerError(SidestepError):
@@ -157,7 +157,7 @@ def register_planner(planner: PlannerSource, *, use: str = "") -> PlannerSource:
     return planner
 
 
-def _add(source: Callable[[], Any] | Planner, use: str = "") -> str:
+def _add(source: object, use: str = "") -> str:
     """Register a planner, and return its name."""
     said = f"{source!r:.80} is no planner"
     try:
@@ -314,22 +314,27 @@ def choose_planners(
     >>> list(sidestep.choose_planners(sidestep.scenario("rush-16"), ["greedy-map"]).factories)
     ['shortest-path', 'expected', 'clairvoyant', 'greedy-map']
     """
-    learned: dict[str, PlannerFactory] = {}
-    only_map = None
-    if models:
-        from sidestep.planners.learned import load_planners
-
-        found = load_planners(models, scenario, seed, level)
-        only_map = found.index
-        found.check_destinations(draw_map(scenario, seed, only_map or 0), destinations)
-        learned.update(found.factories)
+    learned, only_map = _models(models, scenario, seed, level, destinations)
     if names is None:
         names = [*(info.name for info in _BUILT_IN.values() if not info.learns), *([] if models else ["darp"])]
-    baseline = against if against in learned else _info(against).name
-    wanted = {baseline, *(_info(name).name for name in (*names, REFERENCE, BASELINE, BOUND) if name not in learned)}
+    found = {name: _info(name).name for name in (*names, REFERENCE, BASELINE, BOUND, against) if name not in learned}
+    wanted, baseline = set(found.values()), found.get(against, against)
     training = Training(scenario, seed, level, preset, destinations)
-    factories = {name: info.factory(training) for name, info in _KNOWN.items() if name in wanted - learned.keys()}
+    factories = {name: info.factory(training) for name, info in _KNOWN.items() if name in wanted}
     return Lineup(scenario, factories | learned, baseline, only_map)
+
+
+def _models(
+    folders: Sequence[Path], scenario: Scenario, seed: int, level: Information | None, destinations: int
+) -> tuple[dict[str, PlannerFactory], int | None]:
+    """Load models: their factories by name, and the only map that they can walk, if there is one."""
+    if not folders:
+        return {}, None
+    from sidestep.planners.learned import load_planners
+
+    learned = load_planners(folders, scenario, seed, level)
+    learned.check_destinations(draw_map(scenario, seed, learned.index or 0), destinations)
+    return dict(learned.factories), learned.index
 
 
 _KNOWN: dict[str, PlannerInfo] = {}
