@@ -13,7 +13,9 @@ from .network.osm import import_osm as import_osm
 from .planners.base import routes as routes
 from .planners.learned import Darp as Darp
 from .planners.learned import trained_darp as trained_darp
-from .planners.registry import BASELINES as BASELINES
+from .planners.registry import choose_planners as choose_planners
+from .planners.registry import find_planner as find_planner
+from .planners.registry import register_planner as register_planner
 from .routing.grid_plan import foresee as foresee
 from .scenarios.builtin import scenario as scenario
 from .scenarios.episodes import instances as instances

@@ -130,9 +130,8 @@ def _planner(
 ) -> "Planner":
     """Who plans a walk to the node ``end``; ``splits`` says that it begins or ends where no node was before."""
     from sidestep.planners.learned import load_planners
-    from sidestep.planners.registry import BASELINES, REPLANNING, PlannerError
+    from sidestep.planners.registry import find_planner
 
-    every = {**BASELINES, **REPLANNING}
     if model is not None:
         learned = load_planners([model], problem, seed)
         if learned.index not in (None, index):
@@ -140,15 +139,10 @@ def _planner(
         if learned.index is not None and splits:
             raise SidestepError(f"the model in {model} remembers crossings; give --from and --to as nodes")
         learned.check_destination(end)
-        every |= learned.factories
-    name = name or ("expected" if model is None else "darp")
-    if name not in every:
-        hint = "; darp needs --model" if name == "darp" else ""
-        raise PlannerError(f"unknown planner {name!r}; there are {', '.join(every)}{hint}")
-    who = every[name](place, index)
-    if who is None:
-        raise PlannerError(f"{name} does not walk map {index}")
-    return who
+        who = learned.factories[name or "darp"](place, index) if name in (None, *learned.factories) else None
+        if who is not None:
+            return who
+    return find_planner(name or "expected")
 
 
 def _hand_over_journey(journey: "Journey", output: str, out: Path | None, by: float | None) -> None:

@@ -101,11 +101,10 @@ def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
 def _results(
     walked: Walk,
 ) -> tuple[Float[np.ndarray, " future"], Bool[np.ndarray, " future"], Float[np.ndarray, " future"] | None]:
-    totals = totals_of(walked)
     return (
         np.asarray(walked.seconds, np.float64) / 60,
         np.asarray(walked.arrived),
-        None if totals is None else totals.exposure,
+        totals_of(walked).get("exposure"),
     )
 
 
