@@ -65,6 +65,12 @@ LEFT_OUT = {
     "µs",
 }
 NEAR = 1e-6
+# Keys that the redesign renamed.
+RENAMED = {
+    "regret": "gap",
+    "regret_ci95": "gap_ci95",
+    "rival": "baseline",
+}
 
 
 def run(name: str) -> object:
@@ -91,7 +97,7 @@ def run(name: str) -> object:
 def plain(value: object) -> object:
     """Without what varies."""
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items() if key not in LEFT_OUT}
+        return {RENAMED.get(key, key): plain(item) for key, item in value.items() if key not in LEFT_OUT}
     return [plain(item) for item in value] if isinstance(value, list) else value
 
 
@@ -123,8 +129,9 @@ def main() -> None:
             file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
             print(f"{name}: written", flush=True)
             continue
-        found = differences(json.loads(file.read_text(encoding="utf-8")), found)
-        print(f"{name}: {'the same' if not found else f'{len(found)} differences'}", flush=True)
+        found = differences(plain(json.loads(file.read_text(encoding="utf-8"))), found)
+        other = sum(": new: " not in line for line in found)
+        print(f"{name}: {f'{other} differences' if other else 'the same, and new keys' if found else 'the same'}", flush=True)
         for line in found[:40]:
             print(f"    {line}", flush=True)
 

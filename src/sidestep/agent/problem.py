@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from sidestep.agent.config import TrainConfig
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.scenarios.episodes import InstanceSampler, check_paths, destinations_of, instances, sampler
+from sidestep.scenarios.episodes import InstanceSampler, destinations_of, instances, sampler
 from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Scenario
@@ -27,14 +27,7 @@ class Problem(eqx.Module):
 
 
 def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> Problem:
-    """Draw futures and choose walks on one map.
-
-    Raises
-    ------
-    ScenarioError
-        There are fewer destinations than are to be learned, or no path on from a crossing.
-    """
-    check_paths(scenario_map)
+    """Draw futures and choose walks on one map; ``jax.eval_shape`` may trace it."""
     destinations = destinations_of(scenario_map, config.destinations)
     params = make_environment(
         scenario,

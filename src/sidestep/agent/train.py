@@ -82,7 +82,7 @@ def prepare(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) 
     return problem, start(config, scenario, problem.params, problem.sampler, scenario_map)
 
 
-@cached_by_files(lambda _, scenario: scenario.files, most=16)
+@cached_by_files(lambda _, scenario: scenario.place.files, most=16)
 def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
     scenario_map = draw_training_map(scenario, seed=0)
