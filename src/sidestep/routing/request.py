@@ -11,7 +11,7 @@ from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.profile import time_of_week
 from sidestep.crowds.table import TableFlow
-from sidestep.network.snapping import Snapped, Snapper, Spliced, splice
+from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
 from sidestep.network.town import Town
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.grid_plan import RouteError
@@ -49,7 +49,7 @@ def _day_and_time(hour: float) -> str:
 class End:
     """Where a walk begins or ends."""
 
-    node: int  # of the spliced streets
+    node: int  # of the split streets
     place: tuple[float, float]  # latitude and longitude on the street
     asked: tuple[float, float] | None = None  # where it was asked for; None where a crossing was
     away: float = 0.0  # m between the two
@@ -66,7 +66,7 @@ class Trip:
 
     scenario: Scenario
     venue: Place
-    streets: Spliced
+    streets: SplitStreets
     place: ScenarioMap  # at the hour of the departure
     origin: End
     destination: End
@@ -204,7 +204,7 @@ def prepare(
     town = town_of(venue.streets)
     snap = Snapper(town)
     found = [_find(town, snap, "origin", origin), _find(town, snap, "destination", destination)]
-    streets = splice(town, found)
+    streets = split_streets(town, found)
     ends = (_end(town, streets.nodes[0], found[0], origin), _end(town, streets.nodes[1], found[1], destination))
     if streets.nodes[0] == streets.nodes[1]:
         raise RouteError(f"{ends[0].text} and {ends[1].text} are the same place on these streets: no way to walk")
@@ -232,7 +232,7 @@ def _check_covered(flow: FlowModel, hour: float, said: str, venue: Place) -> Non
         )
 
 
-def _find(town: Town, snap: Snapper, name: str, place: int | tuple[float, float]) -> int | Snapped:
+def _find(town: Town, snap: Snapper, name: str, place: int | tuple[float, float]) -> int | StreetPoint:
     if not isinstance(place, int):
         return snap.nearest(*place)
     if not 0 <= place < town.nodes:
@@ -240,8 +240,8 @@ def _find(town: Town, snap: Snapper, name: str, place: int | tuple[float, float]
     return place
 
 
-def _end(town: Town, node: int, found: int | Snapped, asked: int | tuple[float, float]) -> End:
+def _end(town: Town, node: int, found: int | StreetPoint, asked: int | tuple[float, float]) -> End:
     if isinstance(found, int) or isinstance(asked, int):
         longitude, latitude = town.place[node].tolist()
         return End(node, (latitude, longitude))
-    return End(node, found.place, asked, found.away)
+    return End(node, found.place, asked, found.distance)

@@ -7,7 +7,7 @@ sensors and lights by name, lists for tuples, and files looked for from the fold
 from datetime import date, datetime
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, field_validator
 
@@ -160,7 +160,7 @@ class ScenarioFile(Scenario):
     walks: values.Count = 500
 
     @classmethod
-    def read(cls, parsed: dict[str, Any], folder: Path) -> "ScenarioFile":
+    def read(cls, parsed: dict[str, Any], folder: Path) -> Self:
         """Check what TOML holds; files are looked for from a folder.
 
         Raises

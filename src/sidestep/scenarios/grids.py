@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +27,7 @@ class DrawnGrid:
     phase: Float[np.ndarray, " segment"]
 
     @classmethod
-    def draw(cls, grid: Grid, side: int, rng: np.random.Generator) -> "DrawnGrid":
+    def draw(cls, grid: Grid, side: int, rng: np.random.Generator) -> Self:
         """Draw streets, crowds and, where there are rush hours, waves."""
         network = grid_network(side, rng, grid.lengths)
         tail, head = np.asarray(network.tail), np.asarray(network.head)

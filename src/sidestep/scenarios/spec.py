@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -50,9 +50,6 @@ class Fault(NamedTuple):
     """What is wrong."""
 
 
-S = TypeVar("S", bound="Spec")
-
-
 MOST_LISTED = 16  # names in one sentence
 
 
@@ -85,7 +82,7 @@ class Spec(BaseModel, metaclass=_Refusing):
         """What messages call it."""
         return type(self).__name__
 
-    def changed(self: S, **changes: object) -> S:  # noqa: PYI019 # beartype knows no Self
+    def changed(self, **changes: object) -> Self:
         """The same with other values, validated again.
 
         Parameters
