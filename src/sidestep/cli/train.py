@@ -74,8 +74,8 @@ def train(
     problem = read_scenario(scenario, changes)
     config = changed(
         preset_for(problem, preset, level),
-        rounds=rounds, goals=destinations, gamma=gamma, n_step=n_step, alpha=alpha, double=double, dueling=dueling,
-        potential=potential,
+        rounds=rounds, destinations=destinations, gamma=gamma, n_step=n_step, alpha=alpha, double=double,
+        dueling=dueling, potential=potential,
     )  # fmt: skip
     state, curve = None, []
     if resume and out is not None:

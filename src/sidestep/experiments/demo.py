@@ -18,6 +18,9 @@ from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
 
 SCENARIO = "paper-congested"
+CONFIG = PRESETS["default"]
+"""How the agent learns."""
+
 WALKS = 200
 TRACE = 200
 """Most segments of a route that are drawn."""
@@ -49,7 +52,7 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     """
     problem = scenario(SCENARIO)
     scenario_map = draw_map(problem, seed)
-    darp = train_darp(PRESETS["default"], problem, scenario_map, on_round)
+    darp = train_darp(CONFIG, problem, scenario_map, on_round)
     planners = choose_planners(problem, PLANNERS).factories | {Darp.name: lambda *_: darp}
     comparison = compare(problem, planners, maps=[0], walks=WALKS, seed=seed)
     params = make_environment(problem, scenario_map, "test", WALKS)
