@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import NoReturn
+from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 
@@ -38,24 +38,44 @@ app.command(experiments.trade_off, name="trade-off")
 app.command(data.counts_app)
 
 
-def main() -> None:
-    """Run the command line: exit status 2 on bad input, 130 on Ctrl-C, with one sentence each."""
-    sys.path.append("")  # planners in the current folder, as MODULE:NAME
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments
+        The command and its options; by default those of this process.
+
+    Returns
+    -------
+    int
+        The exit status: 2 on bad input, 130 on Ctrl-C, after one sentence on standard error.
+    """
     try:
-        app(exit_on_error=False, print_error=False)
+        app(arguments, exit_on_error=False, print_error=False)
+    except SystemExit as done:  # the library's way to end a command
+        return int(done.code or 0)
     except CycloptsError as error:
-        _leave(BAD_INPUT, " ".join(str(error).split()))
+        return _complain(BAD_INPUT, " ".join(str(error).split()))
     except SidestepError as error:
-        _leave(BAD_INPUT, str(error))
+        return _complain(BAD_INPUT, str(error))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
     except KeyboardInterrupt:
-        _leave(INTERRUPTED, "stopped; everything saved so far is kept")
+        return _complain(INTERRUPTED, "stopped; everything saved so far is kept")
+    return 0
 
 
-def _leave(status: int, sentence: str) -> NoReturn:
+def _complain(status: int, sentence: str) -> int:
     print(f"sidestep: {sentence}", file=sys.stderr, flush=True)
+    return status
+
+
+def main() -> None:
+    """Run the command line and leave the process."""
+    sys.path.append("")  # planners in the current folder, as MODULE:NAME
+    status = run()
     sys.stdout.flush()
-    # Not by sys.exit, which would wait for threads in the middle of a map. Files are written whole or not at all.
-    os._exit(status)
+    if status:
+        # Not by sys.exit, which would wait for threads in the middle of a map. Files are written whole or not at all.
+        os._exit(status)

@@ -36,13 +36,11 @@ def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> N
     """Train an agent on one congested map, compare it with other planners, and draw their paths."""
     at_least("seed", seed, 0)
     start_jax()
-    from sidestep.agent.presets import PRESETS
-    from sidestep.experiments.demo import demonstrate
+    from sidestep.experiments.demo import CONFIG, demonstrate
     from sidestep.files import output_folder
 
     output_folder(out)
-    config = PRESETS["default"]
-    with progress("training on one congested map", config.rounds, config.round_steps, "steps") as advance:
+    with progress("training on one congested map", CONFIG.rounds, CONFIG.round_steps, "steps") as advance:
         shown = demonstrate(out, seed, lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"))
     results = shown.comparison.to_json()
     if as_json:

@@ -20,6 +20,9 @@ from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
 
 SCENARIO = "paper-congested"
+CONFIG = PRESETS["default"]
+"""How the agent learns."""
+
 WALKS = 200
 TRACE = 200
 """Most segments of a route that are drawn."""
@@ -51,7 +54,7 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
     """
     problem = scenario(SCENARIO)
     scenario_map = draw_map(problem, seed)
-    darp = trained_darp(train(problem, PRESETS["default"], seed=seed, on_round=on_round).model)
+    darp = trained_darp(train(problem, CONFIG, seed=seed, on_round=on_round).model)
     planners = choose_planners(problem, PLANNERS).factories | {Darp.name: lambda *_: darp}
     comparison = compare(problem, planners, maps=[0], walks=WALKS, seed=seed)
     params = make_environment(problem, scenario_map, "test", WALKS)

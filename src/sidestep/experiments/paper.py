@@ -89,6 +89,9 @@ class Plan:
     maps: int = 100
     """Number of maps in each condition."""
 
+    rounds: int = PRESETS["default"].rounds
+    """Rounds of training by the ``default`` preset, on each map."""
+
     literal_maps: int = 20
     """Number of maps, the first ones, that the ``paper`` preset learns: it takes 50,000 small steps on each."""
 
@@ -190,12 +193,13 @@ def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable
 
         return factory
 
+    ours = PRESETS["default"].changed(rounds=plan.rounds)
     as_printed = PRESETS["paper"].changed(rounds=plan.literal_rounds)
     comparison = compare(
         problem,
         choose_planners(problem, PLANNERS).factories
         | {
-            Darp.name: trained(Darp.name, PRESETS["default"], plan.maps),
+            Darp.name: trained(Darp.name, ours, plan.maps),
             LITERAL: trained(LITERAL, as_printed, plan.literal_maps),
         },
         maps=range(plan.maps),
@@ -204,7 +208,7 @@ def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable
         workers=workers,
         on_map=lambda _index, _records: on_map(key),
     )
-    steps = {Darp.name: PRESETS["default"].round_steps, LITERAL: PRESETS["paper"].round_steps}
+    steps = {Darp.name: ours.round_steps, LITERAL: as_printed.round_steps}
     return Condition(
         comparison,
         {
