@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from sidestep.routing.grid_plan import Foresight, RouteError, foresee
 
 from sidestep.planners.random import RandomWalk
 from sidestep.planners.reactive import GreedyMap
 from sidestep.planners.time_dependent import Clairvoyant, Expected
-from sidestep.routing.grid_plan import Foresight, RouteError, foresee
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import ScenarioMap, draw_map
 from sidestep.scenarios.model import Scenario

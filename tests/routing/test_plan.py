@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from sidestep.routing.serialise import itinerary
 
 from sidestep.cli import app as cli
 from sidestep.crowds.counts import CountTable, read_counts
@@ -28,7 +29,6 @@ from sidestep.planners.time_dependent import Expected
 from sidestep.routing.formats import route_geojson, route_gpx
 from sidestep.routing.plan import Journey, _segment, travel
 from sidestep.routing.request import Departure, Trip, prepare, read_departure, read_minutes, read_node, read_place
-from sidestep.routing.serialise import itinerary
 from sidestep.scenarios import model as catalogue
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario, Sensor, Traffic, Venue

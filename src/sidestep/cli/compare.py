@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from sidestep.cli.console import new_table, objective_in_words, print_table, progress
+from sidestep.cli.console import new_table, print_table, progress
 from sidestep.cli.options import (
     UNCHANGED,
     By,
@@ -108,6 +108,7 @@ def compare(
 def show_results(results: "Results") -> None:
     """Print a comparison as a table."""
     from sidestep.evaluation.metrics import cells
+    from sidestep.scenarios.objectives import objective_in_words
 
     only = " (forecasts only)" if results["flows"] == "forecast" else ""
     title = (

@@ -14,14 +14,6 @@ if TYPE_CHECKING:
 WIDTH = 180  # where the output is no terminal
 
 
-def objective_in_words(objective: "dict[str, float | None]") -> str:
-    """Weights of what walkers keep low."""
-    units = {"time": "s", "distance": "m", "exposure": "person·s/m² met"}
-    terms = [f"{weight:g} x {units[name]}" for name, weight in objective.items() if name in units and weight]
-    most = objective["max_density"]
-    return " + ".join(terms) + ("" if most is None else f", avoiding streets above {most:g} persons/m²")
-
-
 class Advance:
     """One step further on a bar, with a note."""
 

@@ -1,21 +1,27 @@
-"""A walk in words: which way to turn, onto which street, through how dense a crowd."""
+"""Routes in words: where to turn, onto which street, through how dense a crowd."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import TypedDict
 
 import numpy as np
 from jaxtyping import Float
 
 from sidestep.network.town import EARTH_RADIUS
 
-SIGHT = 15.0  # m along a street from a crossing that tell in which direction it leads
-TURNS = ((20.0, "straight on"), (60.0, "bear"), (120.0, "turn"), (165.0, "sharp"), (math.inf, "turn round"))
-"""Up to how many degrees a turn is called what."""
+SIGHT = 15.0
+"""Metres along a street from a crossing over which its direction is taken."""
 
-# After Fruin's levels of service for walkways (1971): A is free, B and C are busy, D and E dense, F jammed.
+TURNS = ((20.0, "straight on"), (60.0, "bear"), (120.0, "turn"), (165.0, "sharp"), (math.inf, "turn round"))
+"""The word for a turn, by its largest angle in degrees."""
+
 CROWDING = ((0.31, "free"), (0.72, "busy"), (2.17, "dense"), (math.inf, "jammed"))
-"""Below how many persons/m² a street is called what."""
+"""The word for a density, by its upper limit in persons/m².
+
+Fruin's levels of service for walkways (J. J. Fruin, Pedestrian Planning and Design, 1971): A is free, B and C are busy,
+D and E dense, F jammed.
+"""
 
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 _KINDS = {
@@ -27,34 +33,115 @@ _KINDS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Leg:
-    """One street, or a part of it, from one crossing to the next."""
+class StepJson(TypedDict):
+    """One line of the directions."""
 
-    street: int
-    name: str  # "" where it has none
-    kind: str
+    turn: str
+    street: str
+    first_leg: int
+    """Its first leg, counted from 0."""
     metres: float
     minutes: float
-    entered: float  # minutes after the departure
-    density: float  # persons/m² that are expected on it
-    exposure: float  # crowd met, person·s/m²
-    too_dense: bool  # whether it is entered above the maximum density
-    course: Float[np.ndarray, "point 2"]  # longitude and latitude in the direction of walking
+    density: float
+    """Expected persons/m², averaged over the time."""
+    crowding: str
+
+
+class LegJson(TypedDict):
+    """One segment."""
+
+    segment: int
+    street: int | None
+    """None on grids, as are name, kind and coordinates."""
+    name: str | None
+    """Empty where the street has none."""
+    kind: str | None
+    label: str
+    """The name, or the kind."""
+    metres: float
+    minutes: float
+    density: float
+    """Expected persons/m² as its middle is reached."""
+    coordinates: list[list[float]] | None
+    """Longitude and latitude, degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreetPiece:
+    """The street that a segment belongs to. On grids streets have no numbers, names and coordinates."""
+
+    street: int | None = None
+    """Number of the street in its town."""
+
+    name: str | None = None
+    """Empty where the street has none."""
+
+    kind: str | None = None
+    """The value of OpenStreetMap's key ``highway``."""
+
+    course: Float[np.ndarray, "point 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    """Longitude and latitude in degrees, in the direction of walking; empty on grids."""
 
     @property
     def label(self) -> str:
-        """What the street is called: its name, or its kind."""
-        return self.name or _KINDS.get(self.kind, self.kind.replace("_", " "))
+        """What people call the street: its name, or its kind."""
+        kind = self.kind or ""
+        return self.name or _KINDS.get(kind, kind.replace("_", " "))
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One segment of a route, from one node to the next, if crowds are as expected."""
+
+    segment: int
+    piece: StreetPiece
+
+    metres: float
+    """Length."""
+
+    minutes: float
+    """Time with the wait before it."""
+
+    density: float
+    """Persons/m² as its middle is reached."""
+
+    exposure: float = 0.0
+    """Crowd met, person·s/m²."""
+
+    too_dense: bool = False
+    """Whether it is entered above the objective's maximum density."""
+
+    def to_json(self) -> LegJson:
+        """Ready for ``json.dumps``; coordinates to about a centimetre."""
+        return {
+            "segment": self.segment,
+            "street": self.piece.street,
+            "name": self.piece.name,
+            "kind": self.piece.kind,
+            "label": self.piece.label,
+            "metres": self.metres,
+            "minutes": self.minutes,
+            "density": self.density,
+            "coordinates": np.round(self.piece.course, 7).tolist() or None,
+        }
 
 
 @dataclass(frozen=True)
 class Step:
-    """Streets of one name, one after the other."""
+    """Legs along streets of one name."""
 
-    turn: str  # what to do where it begins
-    street: str
+    turn: str
+    """What to do where the step begins."""
+
+    first_leg: int
+    """Number of its first leg, counted from 0."""
+
     legs: tuple[Leg, ...]
+
+    @property
+    def street(self) -> str:
+        """What people call the street."""
+        return self.legs[0].piece.label
 
     @property
     def metres(self) -> float:
@@ -63,13 +150,25 @@ class Step:
 
     @property
     def minutes(self) -> float:
-        """Time that is expected."""
+        """Expected time."""
         return sum(leg.minutes for leg in self.legs)
 
     @property
     def density(self) -> float:
-        """Persons/m² that are expected, averaged over the time on the way."""
+        """Expected persons/m², averaged over the time on the way."""
         return mean_density(self.legs)
+
+    def to_json(self) -> StepJson:
+        """Ready for ``json.dumps``."""
+        return {
+            "turn": self.turn,
+            "street": self.street,
+            "first_leg": self.first_leg,
+            "metres": self.metres,
+            "minutes": self.minutes,
+            "density": self.density,
+            "crowding": crowding_word(self.density),
+        }
 
 
 def mean_density(legs: Sequence[Leg]) -> float:
@@ -79,12 +178,12 @@ def mean_density(legs: Sequence[Leg]) -> float:
 
 
 def crowding_word(density: float) -> str:
-    """What a density in persons/m² is called (see ``CROWDING``)."""
+    """The word for a density in persons/m² (see ``CROWDING``)."""
     return next(word for limit, word in CROWDING if density < limit)
 
 
 def turn_word(before: float, after: float) -> str:
-    """What to do between two bearings, in degrees from north clockwise."""
+    """The word for a turn from one bearing to another, in degrees clockwise from north."""
     angle = (after - before + 180) % 360 - 180
     word = next(word for limit, word in TURNS if abs(angle) <= limit)
     if word in ("straight on", "turn round"):
@@ -99,9 +198,9 @@ def compass_word(bearing: float) -> str:
 
 
 def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
-    """Degrees from north in which a course of longitudes and latitudes begins, and in which it ends.
+    """Bearings, in degrees clockwise from north, in which a course of longitudes and latitudes begins and ends.
 
-    What counts is the direction over ``SIGHT`` metres: the last steps onto a crossing may lead anywhere.
+    They are taken over ``SIGHT`` metres, since the last steps onto a crossing may lead anywhere.
     """
     scale = np.radians(EARTH_RADIUS) * np.array([np.cos(np.radians(course[:, 1].mean())), 1.0])
     place = (course - course[0]) * scale
@@ -117,19 +216,23 @@ def _bearing(step: Float[np.ndarray, "2"]) -> float:
     return float(np.degrees(np.arctan2(step[0], step[1]))) % 360
 
 
-def directions(legs: Sequence[Leg]) -> list[Step]:
+def directions(legs: Sequence[Leg]) -> tuple[Step, ...]:
     """Turn by turn: streets of one name are joined, and unnamed ones of one kind where they lead straight on."""
     steps: list[Step] = []
     ended = 0.0
-    for leg in legs:
-        begins, ends = bearings(leg.course)
+    for number, leg in enumerate(legs):
+        begins, ends = bearings(leg.piece.course)
         turn = turn_word(ended, begins) if steps else f"head {compass_word(begins)}"
-        last = steps[-1] if steps else None
-        # "Footway" is no name: two of them that meet in a corner are not the same.
-        same = last is not None and last.street == leg.label and bool(last.legs[-1].name) == bool(leg.name)
-        if last is not None and same and (turn == "straight on" or (leg.name and turn != "turn round")):
-            steps[-1] = Step(last.turn, last.street, (*last.legs, leg))
+        if steps and _joins(steps[-1].legs[-1].piece, leg.piece, turn):
+            steps[-1] = replace(steps[-1], legs=(*steps[-1].legs, leg))
         else:
-            steps.append(Step(turn, leg.label, (leg,)))
+            steps.append(Step(turn, number, (leg,)))
         ended = ends
-    return steps
+    return tuple(steps)
+
+
+def _joins(before: StreetPiece, after: StreetPiece, turn: str) -> bool:
+    """Whether walkers would say that they are still on the same street."""
+    # "Footway" is no name: two of them that meet in a corner are not the same.
+    same = before.label == after.label and bool(before.name) == bool(after.name)
+    return same and (turn == "straight on" or (bool(after.name) and turn != "turn round"))

@@ -1,7 +1,8 @@
-"""A walk through a real place, street by street, and what other planners would have taken."""
+"""The plan that answers a request: the route through the expected crowds, and its times in simulated futures."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -11,153 +12,300 @@ from jaxtyping import Array, Bool, Float, Key
 
 from sidestep.environment.costs import cross, with_mean_waits
 from sidestep.environment.rollout import Walk
-from sidestep.environment.types import EnvParams, Instance
-from sidestep.evaluation.metrics import totals_of
-from sidestep.network.splice import Spliced
-from sidestep.planners.base import Plan, Planner, Route, walk_plan
+from sidestep.environment.types import Crossing, EnvParams, Instance, Level
+from sidestep.evaluation.metrics import spread, totals_of
+from sidestep.planners.base import Plan, Planner, Route, routes, walk_plan
 from sidestep.planners.reactive import Snapshot
-from sidestep.planners.shortest_path import ShortestPath
-from sidestep.routing.directions import Leg
-from sidestep.routing.grid_plan import RouteError, whole_route
-from sidestep.routing.request import Trip
+from sidestep.routing import formats
+from sidestep.routing.directions import Leg, crowding_word, mean_density
+from sidestep.routing.locate import LocatedRequest
+from sidestep.routing.request import RouteError
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
-from sidestep.scenarios.model import Scenario
 from sidestep.walking.objective import Objective
 
-FUTURES, LIVE_FUTURES = 200, 20  # by default; forecasts from the counts of every slot of every future take long
+T = TypeVar("T")
+FIRST_SLOTS = 4
+"""Slots whose counts are shown to planners that see all counts; doubled until everybody has arrived within them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Others:
-    """What another planner takes in the first of the same futures."""
+class FutureWalks:
+    """The walks of one planner through simulated futures."""
 
-    planner: Planner
+    level: Level
+    """What the planner knows."""
+
     minutes: Float[np.ndarray, " future"]
+    """Travel times; the horizon where a walk did not arrive."""
+
     arrived: Bool[np.ndarray, " future"]
-    exposure: Float[np.ndarray, " future"] | None  # crowd met, person·s/m²; None where time is all that counts
+
+    exposure: Float[np.ndarray, " future"] | None
+    """Crowd met, person·s/m²; None where time is all that counts."""
+
+    @staticmethod
+    def of(planner: Planner, walked: Walk) -> "FutureWalks":
+        """The results of a planner's walks."""
+        totals = totals_of(walked)
+        return FutureWalks(
+            planner.level,
+            np.asarray(walked.seconds, np.float64) / 60,
+            np.asarray(walked.arrived),
+            None if totals is None else totals.exposure,
+        )
+
+    def to_json(self) -> formats.WalksJson:
+        """Quantiles and the share of walks that arrive."""
+        found = spread(self.minutes, self.arrived, None)
+        return {
+            "level": self.level,
+            "futures": len(self.minutes),
+            "median_minutes": found["median_minutes"],
+            "p90_minutes": found["p90_minutes"],
+            "arrival_rate": float(self.arrived.mean()),
+        }
+
+    def against(self, plan: "FutureWalks") -> formats.BaselineJson:
+        """The same, with the mean differences from those of a plan's walks through the same futures."""
+
+        def difference(ours: Float[np.ndarray, " some"], theirs: Float[np.ndarray, " future"]) -> float:
+            return float(np.mean(ours - theirs[: len(ours)]))
+
+        met = None
+        if self.exposure is not None and plan.exposure is not None:
+            met = difference(self.exposure, plan.exposure)
+        return {
+            **self.to_json(),
+            "mean_difference_minutes": difference(self.minutes, plan.minutes),
+            "mean_difference_exposure": met,
+        }
 
 
 @dataclass(frozen=True, eq=False)
-class Journey:
-    """A planned walk."""
+class RoutePlan:
+    """A planned route, from which every output is made.
 
-    trip: Trip
-    planner: Planner
-    route: Route  # if crowds are as expected
-    legs: tuple[Leg, ...]
-    minutes: Float[np.ndarray, " future"]
-    arrived: Bool[np.ndarray, " future"]
-    exposure: Float[np.ndarray, " future"] | None  # crowd met, person·s/m²; None where time is all that counts
-    others: Mapping[str, Others]
-    streets_density: Float[np.ndarray, " street"]  # persons/m² on every street that are expected at the departure
-
-    @property
-    def course(self) -> Float[np.ndarray, "point 2"]:
-        """Longitude and latitude of the whole route."""
-        return whole_course(self.legs)
-
-
-def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
-    """Plan a walk, take it through the expected crowds, and through simulated futures, beside two other planners.
-
-    Parameters
-    ----------
-    futures
-        How many to simulate; by default ``FUTURES``, or ``LIVE_FUTURES`` for planners that see all counts, or one where
-        all are alike.
+    Examples
+    --------
+    >>> import sidestep
+    >>> grid = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
+    >>> plan = sidestep.plan_route(grid, sidestep.RouteRequest(origin=0, destination=8, futures=10))
+    >>> plan.route.nodes[0], plan.route.nodes[-1], len(plan.legs)
+    (0, 8, 4)
+    >>> plan.to_json()["arrival_rate"]
+    1.0
     """
-    if futures is None:
-        futures = 1 if trip.certain else LIVE_FUTURES if planner.observes == "live" else FUTURES
-    if futures < 1:
-        raise RouteError(f"there must be at least one future, not {futures}")
-    scenario = replace(trip.scenario, departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
-    destinations = np.array([[trip.destination.node]])
-    params = make_environment(
-        scenario, trip.place, "test", futures, level="map", destinations=destinations, densities=True
-    )
-    futures = params.futures.count  # one, where the forecast comes true
-    density = np.asarray(params.expected.of(jnp.int32(0)).known_density)
-    world = _World(scenario, trip, params, purpose_key(trip.place, "test"))
-    route = world.expected_route(planner)
-    walked = world.walk(planner, futures, route.seconds)
-    baselines: list[tuple[Planner, int]] = [(ShortestPath(), futures), (Snapshot(), min(futures, LIVE_FUTURES))]
-    others = {
-        baseline.name: Others(baseline, *_results(world.walk(baseline, count, route.seconds)))
-        for baseline, count in baselines
+
+    located: LocatedRequest
+    """The request, found on the streets."""
+
+    planner: str
+    """Name of the planner."""
+
+    route: Route
+    """The walk if crowds are as expected."""
+
+    legs: tuple[Leg, ...]
+    """Its segments."""
+
+    walks: FutureWalks
+    """The planner's walks through simulated futures."""
+
+    baselines: Mapping[str, FutureWalks]
+    """The walks of other planners through the first of the same futures, by name."""
+
+    street_density: Float[np.ndarray, " street"]
+    """Persons/m² that are expected on every street at the departure; on grids, on every segment."""
+
+    def to_json(self) -> formats.PlanJson:
+        """All that is known of the route, ready for ``json.dumps``."""
+        located, request, objective = self.located, self.located.request, self.located.scenario.objective
+        density, begins = mean_density(self.legs), self.route.clocks[0]
+        steps = located.streets.steps(self.legs)
+        return {
+            "scenario": located.scenario.name,
+            "objective": None if objective is None else asdict(objective),
+            "planner": self.planner,
+            "departure": None if located.departure.time is None else located.departure.time.isoformat(),
+            "departure_minutes": located.departure.clock / 60,
+            "departs": located.departure.text,
+            "hour_of_week": located.departure.hour,
+            "counted_sensors": located.counted_sensors,
+            "sensors": located.sensors,
+            "origin": located.origin.to_json(),
+            "destination": located.destination.to_json(),
+            "steps": None if steps is None else [step.to_json() for step in steps],
+            "legs": [leg.to_json() for leg in self.legs],
+            "nodes": list(self.route.nodes),
+            "minutes": [(clock - begins) / 60 for clock in self.route.clocks],
+            "metres": sum(leg.metres for leg in self.legs),
+            "expected_minutes": self.route.seconds / 60,
+            "arrives": self.route.arrived,
+            "mean_density": density,
+            "exposure": sum(leg.exposure for leg in self.legs),
+            "too_dense": sum(leg.too_dense for leg in self.legs),
+            "crowding": crowding_word(density),
+            **self.walks.to_json(),
+            "by_minutes": request.by,
+            "arrive_by": spread(self.walks.minutes, self.walks.arrived, request.by)["arrive_by"],
+            "baselines": {name: walks.against(self.walks) for name, walks in self.baselines.items()},
+            "attribution": located.streets.attribution,
+            "crowds": located.crowds,
+            "expected_crowds": located.expected_crowds,
+            "synthetic": located.synthetic,
+        }
+
+    def to_geojson(self) -> formats.GeoJson:
+        """A GeoJSON feature collection (RFC 7946): the whole route, its legs, and both ends.
+
+        Raises
+        ------
+        RouteError
+            On grids, which have no coordinates (field ``format``).
+        """
+        return formats.geojson(self.to_json())
+
+    def to_gpx(self) -> str:
+        """GPX 1.1: a route of the turns, and a track of the whole course.
+
+        GPX wants UTC, but counts are in local wall time of no given zone: times are written without one, and left out
+        where the departure has no day.
+
+        Raises
+        ------
+        RouteError
+            On grids, which have no coordinates (field ``format``).
+        """
+        return formats.gpx(self.to_json())
+
+    def to_text(self) -> str:
+        """Directions and times for people, one line each."""
+        return formats.text(self.to_json())
+
+
+def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
+    """Plan a route, walk it through the expected crowds and simulated futures, and walk baselines beside it.
+
+    Raises
+    ------
+    RouteError
+        A departure so late that the crowds on the way are not known (field ``depart``).
+    """
+    walker = _Walker.of(located, located.request.futures or _default_futures(located, planner))
+    count = walker.params.futures.count  # one, where the forecast comes true
+    route = walker.expected_route(planner)
+    _check_covered(located, route)
+    baselines = {
+        baseline.name: walker.walk(
+            baseline, min(count, located.live_futures) if baseline.observes == "live" else count, route.seconds
+        )
+        for baseline in located.baselines
         if baseline.name != planner.name
     }
-    return Journey(
-        trip,
-        planner,
+    density = np.asarray(walker.params.expected.of(jnp.int32(0)).known_density)
+    return RoutePlan(
+        located,
+        planner.name,
         route,
-        _legs(trip.streets, params, density, route),
-        *_results(walked),
-        others,
-        _densest(trip.streets, density[:, 0]),
+        _legs(located, walker.alone, density, route),
+        walker.walk(planner, count, route.seconds),
+        baselines,
+        located.streets.densest(density[:, 0]),
     )
 
 
-def _results(
-    walked: Walk,
-) -> tuple[Float[np.ndarray, " future"], Bool[np.ndarray, " future"], Float[np.ndarray, " future"] | None]:
-    totals = totals_of(walked)
-    return (
-        np.asarray(walked.seconds, np.float64) / 60,
-        np.asarray(walked.arrived),
-        None if totals is None else totals.exposure,
-    )
+def _default_futures(located: LocatedRequest, planner: Planner) -> int:
+    return min(located.futures, located.live_futures) if planner.observes == "live" else located.futures
 
 
-def _densest(streets: Spliced, density: Float[np.ndarray, " segment"]) -> Float[np.ndarray, " street"]:
-    """The densest of each street's pieces and directions; tables may tell directions apart."""
-    found = np.zeros(streets.town.streets, density.dtype)
-    np.maximum.at(found, streets.street, density)
-    return found
+def _check_covered(located: LocatedRequest, route: Route) -> None:
+    scenario, departure = located.scenario, located.departure.clock
+    covered = scenario.slots * scenario.slot_seconds
+    if departure + route.seconds > covered and departure > scenario.departures[1]:
+        raise RouteError(
+            f"crowds are known for {covered / 60:g} minutes, but a walk that departs at {departure / 60:g} takes "
+            f"{route.seconds / 60:.0f}; depart earlier",
+            field="depart",
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class _World:
-    """The futures of one walk."""
+class _Walker:
+    """Walks one request through expected crowds and through futures."""
 
-    scenario: Scenario
-    trip: Trip
+    located: LocatedRequest
     params: EnvParams
     key: Key[Array, ""]
 
+    @staticmethod
+    def of(located: LocatedRequest, futures: int) -> "_Walker":
+        """The walker of a request through so many futures."""
+        destinations = np.array([[located.destination.node]])
+        params = make_environment(
+            located.scenario,
+            located.scenario_map,
+            "test",
+            futures,
+            level="map",
+            destinations=destinations,
+            densities=True,
+        )
+        return _Walker(located, params, purpose_key(located.scenario_map, "test"))
+
+    @property
+    def alone(self) -> EnvParams:
+        """The expected crowds as the only future."""
+        return replace(with_mean_waits(self.params), futures=self.params.expected)
+
     def expected_route(self, planner: Planner) -> Route:
-        once, alone = self._instances(1), replace(with_mean_waits(self.params), futures=self.params.expected)
-        if planner.observes != "live":
-            return whole_route(planner, alone, once, self.key)
-        slots = _FIRST_SLOTS
-        while True:
-            route = whole_route(planner, self._seen(planner, alone, slots), once, self.key)
-            if route.seconds <= slots * self.scenario.slot_seconds or slots >= self.scenario.slots:
-                return route
-            slots *= 2
+        """All of the walk through the expected crowds, however long it is."""
+        once = self._instances(1)
 
-    def walk(self, planner: Planner, futures: int, seconds: float) -> Walk:
+        def whole(params: EnvParams) -> tuple[Route, float]:
+            trace = params.network.nodes
+            while True:
+                (route,) = routes(planner, params, once, self.key, trace)
+                if len(route.segments) < trace:
+                    return route, route.seconds
+                trace *= 8  # it may go on
+
+        return self._informed(planner, self.alone, 0.0, whole)
+
+    def walk(self, planner: Planner, futures: int, seconds: float) -> FutureWalks:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        params = replace(self.params, futures=self.params.futures.first(futures))
         todo = self._instances(futures)
+
+        def through(params: EnvParams) -> tuple[Walk, float]:
+            walked = walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
+            return walked, float(walked.seconds.max())
+
+        params = replace(self.params, futures=self.params.futures.first(futures))
+        return FutureWalks.of(planner, self._informed(planner, params, 1.2 * seconds, through))
+
+    def _informed(
+        self, planner: Planner, params: EnvParams, seconds: float, walk: Callable[[EnvParams], tuple[T, float]]
+    ) -> T:
+        """The result of a walk whose planner sees what it needs to.
+
+        Planners that see all counts are shown those of the first slots, enough for about so many ``seconds``, and of
+        more if the walk, which also returns its seconds, takes longer.
+        """
+        scenario, departure = self.located.scenario, self.located.departure.clock
         if planner.observes != "live":
-            return walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
-        slots = _FIRST_SLOTS
-        while slots * self.scenario.slot_seconds < 1.2 * seconds:
+            return walk(params)[0]
+        slots = FIRST_SLOTS
+        while slots * scenario.slot_seconds < departure + seconds:
             slots *= 2
         while True:
-            seen = self._seen(planner, params, slots)
-            walked = walk_plan(planner, seen, planner.plan(seen, todo), todo, self.key)
-            if walked.seconds.max() <= slots * self.scenario.slot_seconds or slots >= self.scenario.slots:
-                return walked
+            shown, forecasts = min(slots, scenario.slots), planner.name != Snapshot.name
+            found, took = walk(see_counts(scenario, self.located.scenario_map.flow, params, shown, forecasts=forecasts))
+            if departure + took <= slots * scenario.slot_seconds or slots >= scenario.slots:
+                return found
             slots *= 2
-
-    def _seen(self, planner: Planner, params: EnvParams, slots: int) -> EnvParams:
-        slots, forecasts = min(slots, self.scenario.slots), planner.name != Snapshot.name
-        return see_counts(self.scenario, self.trip.place.flow, params, slots, forecasts=forecasts)
 
     def _plan(self, planner: Planner, params: EnvParams, todo: Instance) -> Plan:
-        """Only hindsight plans otherwise for another future."""
+        """One plan serves all futures, except in hindsight."""
         if planner.level == "hindsight":
             return planner.plan(params, todo)
         plan = planner.plan(params, self._instances(1))
@@ -166,45 +314,37 @@ class _World:
         return eqx.tree_at(lambda plan: plan.own, plan, own)
 
     def _instances(self, count: int) -> Instance:
+        located = self.located
         return Instance(
-            origin=jnp.full(count, self.trip.origin.node, jnp.int32),
-            destination=jnp.full(count, self.trip.destination.node, jnp.int32),
-            departure=jnp.zeros(count, jnp.float32),
+            origin=jnp.full(count, located.origin.node, jnp.int32),
+            destination=jnp.full(count, located.destination.node, jnp.int32),
+            departure=jnp.full(count, located.departure.clock, jnp.float32),
             future=jnp.arange(count, dtype=jnp.int32),
         )
 
 
-_FIRST_SLOTS = 4  # for which counts are shown; doubled until everybody has arrived within them
+_cross_expected = jax.jit(lambda params, segment, clock: cross(params, jnp.int32(0), segment, clock))
 
 
 def _legs(
-    streets: Spliced, params: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route
+    located: LocatedRequest, alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route
 ) -> tuple[Leg, ...]:
-    """The streets of a route through the expected crowds, which are so dense, in persons/m²."""
-    town, length, expected = streets.town, np.asarray(params.network.length), params.expected
-    alone = replace(with_mean_waits(params), futures=expected, objective=params.objective or Objective())
+    """The segments of a route through the expected crowds, whose densities are given in persons/m²."""
+    params = replace(alone, objective=alone.objective or Objective())  # which makes crossings say what crowds they met
+    length, expected = np.asarray(alone.network.length), alone.expected
 
     def one(segment: int, before: float, after: float) -> Leg:
-        crossed = cross(alone, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
+        crossed: Crossing = _cross_expected(params, jnp.int32(segment), jnp.float32(before))
         slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
-        street = int(streets.street[segment])
         return Leg(
-            street,
-            town.name[street],
-            town.kind[street],
+            segment,
+            located.streets.piece(segment),
             metres=float(length[segment]),
             minutes=(after - before) / 60,
-            entered=(before - route.clocks[0]) / 60,
             density=float(density[segment, slot]),
             exposure=float(jnp.asarray(crossed.exposure)),
             too_dense=bool(crossed.too_dense),
-            course=streets.course(segment),
         )
 
     steps = zip(route.segments, route.clocks, route.clocks[1:], strict=False)
     return tuple(one(*step) for step in steps)
-
-
-def whole_course(legs: tuple[Leg, ...]) -> Float[np.ndarray, "point 2"]:
-    """Longitude and latitude along all legs; points at which two of them meet come once."""
-    return np.concatenate([legs[0].course[:1], *(leg.course[1:] for leg in legs)])
