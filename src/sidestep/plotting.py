@@ -17,8 +17,8 @@ from sidestep.environment.types import EnvParams
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Route
-from sidestep.routing.formats import course_of, crowds_in_words
 from sidestep.routing.plan import RoutePlan
+from sidestep.routing.request import NO_COORDINATES, RouteError
 
 INK = "#1f2933"
 COLOURS = {
@@ -144,8 +144,10 @@ def draw_route(plan: RoutePlan) -> Figure:
     RouteError
         On grids, which have no coordinates (field ``format``).
     """
-    data, town = plan.to_json(), plan.located.streets.town
-    course = town.project(course_of(data))
+    if plan.streets is None:
+        raise RouteError(NO_COORDINATES, field="format")
+    town = plan.streets.town
+    course = town.project(np.array(plan.course))
     figure = Figure(figsize=(8, 7.5), layout="constrained")
     axes = figure.subplots()
     west, east, south, north = _frame(course, town.project(town.points))
@@ -155,7 +157,7 @@ def draw_route(plan: RoutePlan) -> Figure:
         for street, course in enumerate(courses)
         if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
     ]
-    density = np.maximum(plan.street_density[near], _SPARSE)
+    density = np.maximum(plan.streets.density[near], _SPARSE)
     fewest, most = float(np.quantile(density, 0.02)), 1.01 * float(density.max())
     streets = LineCollection(
         [courses[street] for street in near],
@@ -180,12 +182,12 @@ def draw_route(plan: RoutePlan) -> Figure:
     axes.axis("off")
     _scale_bar(axes, west, south, east - west)
     figure.suptitle(
-        f"{data['scenario']}, {data['departs']}: {data['metres']:,.0f} m, {data['expected_minutes']:.0f} min, "
-        f"planned by {data['planner']}",
+        f"{plan.scenario}, {plan.departs}: {plan.metres:,.0f} m, {plan.expected_minutes:.0f} min, "
+        f"planned by {plan.planner}",
         color=INK,
     )
     # Below the axes, where nothing lies under it.
-    figure.supxlabel(f"Streets: {data['attribution']}\nCrowds: {crowds_in_words(data)}", fontsize=8, color=INK)
+    figure.supxlabel("\n".join(plan.sources), fontsize=8, color=INK)
     return figure
 
 

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import TypedDict
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -33,54 +32,39 @@ _KINDS = {
 }
 
 
-class StepJson(TypedDict):
-    """One line of the directions."""
-
-    turn: str
-    street: str
-    first_leg: int
-    """Its first leg, counted from 0."""
-    metres: float
-    minutes: float
-    density: float
-    """Expected persons/m², averaged over the time."""
-    crowding: str
-
-
-class LegJson(TypedDict):
-    """One segment."""
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """One segment of a route, from one node to the next, if crowds are as expected."""
 
     segment: int
-    street: int | None
-    """None on grids, as are name, kind and coordinates."""
-    name: str | None
-    """Empty where the street has none."""
-    kind: str | None
-    label: str
-    """The name, or the kind."""
+    """Number of the segment; the pieces of split streets come after the segments of the town."""
+
     metres: float
+    """Length."""
+
     minutes: float
+    """Time, with the wait before it."""
+
     density: float
-    """Expected persons/m² as its middle is reached."""
-    coordinates: list[list[float]] | None
-    """Longitude and latitude, degrees."""
+    """Persons/m² as its middle is reached."""
 
+    exposure: float
+    """Crowd met, person·s/m²."""
 
-@dataclass(frozen=True, eq=False)
-class StreetPiece:
-    """The street that a segment belongs to. On grids streets have no numbers, names and coordinates."""
+    too_dense: bool
+    """Whether it is entered above the objective's maximum density."""
 
     street: int | None = None
-    """Number of the street in its town."""
+    """Number of the street in its town; None on grids."""
 
     name: str | None = None
-    """Empty where the street has none."""
+    """Name of the street, empty where it has none; None on grids."""
 
     kind: str | None = None
-    """The value of OpenStreetMap's key ``highway``."""
+    """The value of OpenStreetMap's key ``highway``; None on grids."""
 
-    course: Float[np.ndarray, "point 2"] = field(default_factory=lambda: np.zeros((0, 2)))
-    """Longitude and latitude in degrees, in the direction of walking; empty on grids."""
+    coordinates: list[list[float]] | None = None
+    """Longitude and latitude, degrees, to about a centimetre; None on grids."""
 
     @property
     def label(self) -> str:
@@ -89,86 +73,30 @@ class StreetPiece:
         return self.name or _KINDS.get(kind, kind.replace("_", " "))
 
 
-@dataclass(frozen=True, eq=False)
-class Leg:
-    """One segment of a route, from one node to the next, if crowds are as expected."""
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """Legs along streets of one name: one line of the directions."""
 
-    segment: int
-    piece: StreetPiece
+    turn: str
+    """What to do where it begins."""
+
+    street: str
+    """What people call the street."""
+
+    first_leg: int
+    """Number of its first leg, counted from 0."""
 
     metres: float
     """Length."""
 
     minutes: float
-    """Time with the wait before it."""
+    """Expected time."""
 
     density: float
-    """Persons/m² as its middle is reached."""
+    """Expected persons/m², averaged over the time on the way."""
 
-    exposure: float = 0.0
-    """Crowd met, person·s/m²."""
-
-    too_dense: bool = False
-    """Whether it is entered above the objective's maximum density."""
-
-    def to_json(self) -> LegJson:
-        """Ready for ``json.dumps``; coordinates to about a centimetre."""
-        return {
-            "segment": self.segment,
-            "street": self.piece.street,
-            "name": self.piece.name,
-            "kind": self.piece.kind,
-            "label": self.piece.label,
-            "metres": self.metres,
-            "minutes": self.minutes,
-            "density": self.density,
-            "coordinates": np.round(self.piece.course, 7).tolist() or None,
-        }
-
-
-@dataclass(frozen=True)
-class Step:
-    """Legs along streets of one name."""
-
-    turn: str
-    """What to do where the step begins."""
-
-    first_leg: int
-    """Number of its first leg, counted from 0."""
-
-    legs: tuple[Leg, ...]
-
-    @property
-    def street(self) -> str:
-        """What people call the street."""
-        return self.legs[0].piece.label
-
-    @property
-    def metres(self) -> float:
-        """Length."""
-        return sum(leg.metres for leg in self.legs)
-
-    @property
-    def minutes(self) -> float:
-        """Expected time."""
-        return sum(leg.minutes for leg in self.legs)
-
-    @property
-    def density(self) -> float:
-        """Expected persons/m², averaged over the time on the way."""
-        return mean_density(self.legs)
-
-    def to_json(self) -> StepJson:
-        """Ready for ``json.dumps``."""
-        return {
-            "turn": self.turn,
-            "street": self.street,
-            "first_leg": self.first_leg,
-            "metres": self.metres,
-            "minutes": self.minutes,
-            "density": self.density,
-            "crowding": crowding_word(self.density),
-        }
+    crowding: str
+    """A word for the density."""
 
 
 def mean_density(legs: Sequence[Leg]) -> float:
@@ -216,23 +144,36 @@ def _bearing(step: Float[np.ndarray, "2"]) -> float:
     return float(np.degrees(np.arctan2(step[0], step[1]))) % 360
 
 
-def directions(legs: Sequence[Leg]) -> tuple[Step, ...]:
+def directions(legs: Sequence[Leg]) -> list[Step]:
     """Turn by turn: streets of one name are joined, and unnamed ones of one kind where they lead straight on."""
-    steps: list[Step] = []
+    groups: list[tuple[str, int, list[Leg]]] = []
     ended = 0.0
     for number, leg in enumerate(legs):
-        begins, ends = bearings(leg.piece.course)
-        turn = turn_word(ended, begins) if steps else f"head {compass_word(begins)}"
-        if steps and _joins(steps[-1].legs[-1].piece, leg.piece, turn):
-            steps[-1] = replace(steps[-1], legs=(*steps[-1].legs, leg))
+        begins, ends = bearings(np.array(leg.coordinates))
+        turn = turn_word(ended, begins) if groups else f"head {compass_word(begins)}"
+        if groups and _joins(legs[number - 1], leg, turn):
+            groups[-1][2].append(leg)
         else:
-            steps.append(Step(turn, number, (leg,)))
+            groups.append((turn, number, [leg]))
         ended = ends
-    return tuple(steps)
+    return [_step(*group) for group in groups]
 
 
-def _joins(before: StreetPiece, after: StreetPiece, turn: str) -> bool:
+def _joins(before: Leg, after: Leg, turn: str) -> bool:
     """Whether walkers would say that they are still on the same street."""
     # "Footway" is no name: two of them that meet in a corner are not the same.
     same = before.label == after.label and bool(before.name) == bool(after.name)
     return same and (turn == "straight on" or (bool(after.name) and turn != "turn round"))
+
+
+def _step(turn: str, first_leg: int, legs: list[Leg]) -> Step:
+    density = mean_density(legs)
+    return Step(
+        turn=turn,
+        street=legs[0].label,
+        first_leg=first_leg,
+        metres=sum(leg.metres for leg in legs),
+        minutes=sum(leg.minutes for leg in legs),
+        density=density,
+        crowding=crowding_word(density),
+    )

@@ -1,162 +1,229 @@
-"""The plan that answers a request: the route through the expected crowds, and its times in simulated futures."""
+"""A planned route, and what it looks like as JSON, text, GeoJSON and GPX."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import TypeVar
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
+from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Float
 
-from sidestep.environment.costs import cross, with_mean_waits
-from sidestep.environment.rollout import Walk
-from sidestep.environment.types import Crossing, EnvParams, Instance, Level
-from sidestep.evaluation.metrics import spread, totals_of
-from sidestep.planners.base import Plan, Planner, Route, routes, walk_plan
-from sidestep.planners.reactive import Snapshot
-from sidestep.routing import formats
-from sidestep.routing.directions import Leg, crowding_word, mean_density
-from sidestep.routing.locate import LocatedRequest
-from sidestep.routing.request import RouteError
-from sidestep.scenarios.futures import make_environment, see_counts
-from sidestep.scenarios.maps import purpose_key
-from sidestep.walking.objective import Objective
+from sidestep.environment.types import Level
+from sidestep.network.town import Town, metres_between
+from sidestep.routing.directions import Leg, Step
+from sidestep.routing.formats import Waypoint, feature, gpx, table
+from sidestep.routing.request import NO_COORDINATES, RouteError
+from sidestep.scenarios.objectives import objective_in_words
 
-T = TypeVar("T")
-FIRST_SLOTS = 4
-"""Slots whose counts are shown to planners that see all counts; doubled until everybody has arrived within them."""
+_OF_WHOLE = ("origin", "destination", "legs", "nodes", "minutes", "attribution", "crowds", "synthetic")
 
 
-@dataclass(frozen=True, eq=False)
-class FutureWalks:
-    """The walks of one planner through simulated futures."""
+@dataclass(frozen=True)
+class End:
+    """Where a route begins or ends."""
+
+    node: int
+    """Number of the node; on split streets one beyond those of the town."""
+
+    asked: str
+    """What was asked for, for people."""
+
+    latitude: float | None = None
+    """Degrees, on the street; None on grids."""
+
+    longitude: float | None = None
+    """Degrees, on the street; None on grids."""
+
+    metres_away: float = 0.0
+    """Between the place that was asked for and the one on the street."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequestFacts:
+    """What is known of a request before a route is planned."""
+
+    scenario: str
+    """Name of the scenario."""
+
+    objective: dict[str, float | None] | None
+    """Weights of the objective; None: time alone."""
+
+    origin: End
+    destination: End
+
+    departure: str | None = None
+    """Local time, ISO 8601; None where no day was given."""
+
+    departure_minutes: float = 0.0
+    """Minutes after the scenario's start; a scenario in a town starts with the departure."""
+
+    departs: str
+    """The departure for people."""
+
+    hour_of_week: float | None = None
+    """Of the departure, 0 is Monday 0:00; None where crowds do not depend on it."""
+
+    by_minutes: float | None
+    """The minutes that were asked about."""
+
+    sensors: int | None = None
+    """Number of sensors; None where crowds are not known from sensors."""
+
+    counted_sensors: int | None = None
+    """Number of sensors with current counts; None where no counts were given."""
+
+    attribution: str
+    """Source and licence of the streets."""
+
+    crowds: str
+    """Source of the crowds."""
+
+    expected_crowds: str
+    """The crowds that are expected, after "Crowds are …"."""
+
+    synthetic: str
+    """What is invented, and by how much; empty where nothing is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkTimes:
+    """The times of one planner's walks through simulated futures."""
 
     level: Level
     """What the planner knows."""
 
-    minutes: Float[np.ndarray, " future"]
-    """Travel times; the horizon where a walk did not arrive."""
+    futures: int
+    """Number of simulated futures."""
 
-    arrived: Bool[np.ndarray, " future"]
+    median_minutes: float
+    """Median of the times; a walk that does not arrive counts as the horizon."""
 
-    exposure: Float[np.ndarray, " future"] | None
-    """Crowd met, person·s/m²; None where time is all that counts."""
+    p90_minutes: float
+    """Their 90 % quantile."""
 
-    @staticmethod
-    def of(planner: Planner, walked: Walk) -> "FutureWalks":
-        """The results of a planner's walks."""
-        totals = totals_of(walked)
-        return FutureWalks(
-            planner.level,
-            np.asarray(walked.seconds, np.float64) / 60,
-            np.asarray(walked.arrived),
-            None if totals is None else totals.exposure,
+    arrival_rate: float
+    """Share of the walks that arrive."""
+
+    def in_words(self) -> str:
+        """For people."""
+        return (
+            f"median {self.median_minutes:.1f} min, 90 % within {self.p90_minutes:.1f} min, "
+            f"{100 * self.arrival_rate:.1f} % arrive"
         )
 
-    def to_json(self) -> formats.WalksJson:
-        """Quantiles and the share of walks that arrive."""
-        found = spread(self.minutes, self.arrived, None)
-        return {
-            "level": self.level,
-            "futures": len(self.minutes),
-            "median_minutes": found["median_minutes"],
-            "p90_minutes": found["p90_minutes"],
-            "arrival_rate": float(self.arrived.mean()),
-        }
 
-    def against(self, plan: "FutureWalks") -> formats.BaselineJson:
-        """The same, with the mean differences from those of a plan's walks through the same futures."""
+@dataclass(frozen=True, kw_only=True)
+class BaselineTimes(WalkTimes):
+    """Another planner in the same futures, or in the first of them."""
 
-        def difference(ours: Float[np.ndarray, " some"], theirs: Float[np.ndarray, " future"]) -> float:
-            return float(np.mean(ours - theirs[: len(ours)]))
+    mean_difference_minutes: float
+    """Above zero where it takes longer than the plan."""
 
-        met = None
-        if self.exposure is not None and plan.exposure is not None:
-            met = difference(self.exposure, plan.exposure)
-        return {
-            **self.to_json(),
-            "mean_difference_minutes": difference(self.minutes, plan.minutes),
-            "mean_difference_exposure": met,
-        }
+    mean_difference_exposure: float | None
+    """Above zero where it meets more people, person·s/m²; None where time is all that counts."""
 
 
 @dataclass(frozen=True, eq=False)
-class RoutePlan:
-    """A planned route, from which every output is made.
+class StreetMap:
+    """The streets around a route, for pictures."""
+
+    town: Town
+
+    density: Float[np.ndarray, " street"]
+    """Persons/m² that are expected on every street at the departure; of both directions the larger."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoutePlan(RequestFacts, WalkTimes):
+    """A planned route: the walk if crowds are as expected, and its times in simulated futures.
+
+    Fields that mean nothing on a grid, such as names of streets, are None there. The keys of :meth:`to_json` are the
+    fields, except ``streets``.
 
     Examples
     --------
     >>> import sidestep
     >>> grid = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
     >>> plan = sidestep.plan_route(grid, sidestep.RouteRequest(origin=0, destination=8, futures=10))
-    >>> plan.route.nodes[0], plan.route.nodes[-1], len(plan.legs)
-    (0, 8, 4)
-    >>> plan.to_json()["arrival_rate"]
-    1.0
+    >>> plan.nodes[0], plan.nodes[-1], len(plan.legs), plan.arrival_rate
+    (0, 8, 4, 1.0)
+    >>> print(plan.to_text().splitlines()[0])
+    expected (map), departing 0 min after the start, if crowds are as expected:
     """
-
-    located: LocatedRequest
-    """The request, found on the streets."""
 
     planner: str
     """Name of the planner."""
 
-    route: Route
-    """The walk if crowds are as expected."""
+    nodes: list[int]
+    """Nodes along the route."""
 
-    legs: tuple[Leg, ...]
-    """Its segments."""
+    minutes: list[float]
+    """Minutes after the departure at which each node is reached."""
 
-    walks: FutureWalks
-    """The planner's walks through simulated futures."""
+    legs: list[Leg]
+    """The segments between the nodes."""
 
-    baselines: Mapping[str, FutureWalks]
-    """The walks of other planners through the first of the same futures, by name."""
+    steps: list[Step] | None
+    """Turn by turn; None on grids."""
 
-    street_density: Float[np.ndarray, " street"]
-    """Persons/m² that are expected on every street at the departure; on grids, on every segment."""
+    metres: float
+    """Length of the route."""
 
-    def to_json(self) -> formats.PlanJson:
-        """All that is known of the route, ready for ``json.dumps``."""
-        located, request, objective = self.located, self.located.request, self.located.scenario.objective
-        density, begins = mean_density(self.legs), self.route.clocks[0]
-        steps = located.streets.steps(self.legs)
-        return {
-            "scenario": located.scenario.name,
-            "objective": None if objective is None else asdict(objective),
-            "planner": self.planner,
-            "departure": None if located.departure.time is None else located.departure.time.isoformat(),
-            "departure_minutes": located.departure.clock / 60,
-            "departs": located.departure.text,
-            "hour_of_week": located.departure.hour,
-            "counted_sensors": located.counted_sensors,
-            "sensors": located.sensors,
-            "origin": located.origin.to_json(),
-            "destination": located.destination.to_json(),
-            "steps": None if steps is None else [step.to_json() for step in steps],
-            "legs": [leg.to_json() for leg in self.legs],
-            "nodes": list(self.route.nodes),
-            "minutes": [(clock - begins) / 60 for clock in self.route.clocks],
-            "metres": sum(leg.metres for leg in self.legs),
-            "expected_minutes": self.route.seconds / 60,
-            "arrives": self.route.arrived,
-            "mean_density": density,
-            "exposure": sum(leg.exposure for leg in self.legs),
-            "too_dense": sum(leg.too_dense for leg in self.legs),
-            "crowding": crowding_word(density),
-            **self.walks.to_json(),
-            "by_minutes": request.by,
-            "arrive_by": spread(self.walks.minutes, self.walks.arrived, request.by)["arrive_by"],
-            "baselines": {name: walks.against(self.walks) for name, walks in self.baselines.items()},
-            "attribution": located.streets.attribution,
-            "crowds": located.crowds,
-            "expected_crowds": located.expected_crowds,
-            "synthetic": located.synthetic,
-        }
+    expected_minutes: float
+    """Travel time if crowds are as expected."""
 
-    def to_geojson(self) -> formats.GeoJson:
+    arrives: bool
+    """Whether that walk arrives."""
+
+    mean_density: float
+    """Persons/m², averaged over the time."""
+
+    crowding: str
+    """A word for the mean density."""
+
+    exposure: float
+    """Crowd met, person·s/m²."""
+
+    too_dense: int
+    """Number of segments entered above the objective's maximum density."""
+
+    arrive_by: float | None
+    """Share of the futures in which the walk arrives within these minutes."""
+
+    baselines: Mapping[str, BaselineTimes]
+    """The walks of other planners, by name."""
+
+    streets: StreetMap | None = field(compare=False, repr=False)
+    """For pictures; None on grids."""
+
+    @property
+    def course(self) -> list[list[float]]:
+        """Longitude and latitude of the whole route, degrees; points at which two legs meet come once.
+
+        Raises
+        ------
+        RouteError
+            On grids, which have no coordinates (field ``format``).
+        """
+        courses = [leg.coordinates or [] for leg in self.legs]
+        points = [point for number, course in enumerate(courses) for point in course[number > 0 :]]
+        if not points:
+            raise RouteError(NO_COORDINATES, field="format")
+        return points
+
+    @property
+    def sources(self) -> tuple[str, str]:
+        """Where the streets and the crowds come from, and what is invented of these."""
+        crowds = "; ".join(filter(None, (self.crowds, self.synthetic)))
+        return f"Streets: {self.attribution}", f"Crowds: {crowds}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything but the map, ready for ``json.dumps``."""
+        found = asdict(replace(self, streets=None))
+        del found["streets"]
+        return found
+
+    def to_geojson(self) -> dict[str, Any]:
         """A GeoJSON feature collection (RFC 7946): the whole route, its legs, and both ends.
 
         Raises
@@ -164,187 +231,127 @@ class RoutePlan:
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        return formats.geojson(self.to_json())
+        course, found = self.course, self.to_json()
+        whole = {name: found.pop(name) for name in _OF_WHOLE}
+        legs = [
+            feature(
+                "LineString",
+                leg.coordinates or [],
+                part="leg",
+                street=leg.label,
+                metres=round(leg.metres, 2),
+                minutes=round(leg.minutes, 3),
+                density=round(leg.density, 4),
+            )
+            for leg in self.legs
+        ]
+        ends = [
+            feature("Point", [whole[part]["longitude"], whole[part]["latitude"]], part=part, asked=whole[part]["asked"])
+            for part in ("origin", "destination")
+        ]
+        return {
+            "type": "FeatureCollection",
+            **{name: whole[name] for name in ("attribution", "crowds", "synthetic")},
+            "features": [feature("LineString", course, part="route", **found), *legs, *ends],
+        }
 
     def to_gpx(self) -> str:
         """GPX 1.1: a route of the turns, and a track of the whole course.
 
-        GPX wants UTC, but counts are in local wall time of no given zone: times are written without one, and left out
-        where the departure has no day.
+        Times are local wall time without a zone, and left out where the departure has no day.
 
         Raises
         ------
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        return formats.gpx(self.to_json())
+        course = self.course
+        about = (
+            f"{self.planner}, departing {self.departs}: {self.metres:,.0f} m, {self.expected_minutes:.1f} min "
+            "if crowds are as expected."
+        )
+        likely = "".join(f" {sentence}." for sentence in self._arrival())
+        zone = "" if self.departure is None else " Times are local wall time."
+        turns = [
+            Waypoint(
+                (self.legs[step.first_leg].coordinates or [])[0],
+                self.minutes[step.first_leg],
+                f"{step.turn}: {step.street}",
+                f"{step.metres:.0f} m, {step.minutes:.1f} min",
+            )
+            for step in self.steps or []
+        ]
+        return gpx(
+            name=f"{self.origin.asked} to {self.destination.asked}",
+            about=f"{about}{likely} {self.sources[1]}.{zone}",
+            attribution=self.attribution,
+            departure=None if self.departure is None else datetime.fromisoformat(self.departure),
+            turns=[*turns, Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end")],
+            track=[
+                Waypoint(place, entered + share * leg.minutes)
+                for number, (leg, entered) in enumerate(zip(self.legs, self.minutes, strict=False))
+                for place, share in _with_shares(leg.coordinates or [])[number > 0 :]
+            ],
+        )
 
     def to_text(self) -> str:
-        """Directions and times for people, one line each."""
-        return formats.text(self.to_json())
+        """Directions and times for people."""
+        low = "" if self.objective is None else f", keeping low {objective_in_words(self.objective)}"
+        warning = f"{self.too_dense} of its streets are entered above the density that nobody should enter."
+        missed = "" if self.arrives else " without arriving"
+        length = f"{self.metres:,.0f} m, {self.expected_minutes:.1f} min{missed}"
+        crowds = f"{self.crowding}, {self.mean_density:.2f} persons/m², {self.exposure:,.0f} person·s/m² met"
+        lines = [
+            f"{self.planner} ({self.level}), departing {self.departs}{low}, if crowds are as expected:",
+            *(
+                f"{end.asked} is {end.metres_away:,.0f} m from the street"
+                for end in (self.origin, self.destination)
+                if end.metres_away >= 1
+            ),
+            "",
+            *self._table(),
+            "",
+            f"{length}; crowds on the way: {crowds}",
+            *([warning] if self.too_dense else []),
+            f"In {self.futures} simulated future{'s' * (self.futures > 1)}: {self.in_words()}",
+            *self._arrival(),
+            *(self._against(name, baseline) for name, baseline in self.baselines.items()),
+            "",
+            f"Crowds are {self.expected_crowds}.",
+            f"{'. '.join(self.sources)}.",
+        ]
+        return "\n".join(lines) + "\n"
 
+    def _arrival(self) -> list[str]:
+        """A sentence, if the request asked."""
+        if self.arrive_by is None:
+            return []
+        return [f"Arrives within {self.by_minutes:g} min with probability {self.arrive_by:.2f}"]
 
-def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
-    """Plan a route, walk it through the expected crowds and simulated futures, and walk baselines beside it.
+    def _table(self) -> list[str]:
+        """Turn by turn, or, where turns have no names, node by node."""
+        if self.steps is None:
+            reached = zip(self.nodes, self.minutes, strict=True)
+            return table((">node", ">minutes"), [(str(node), f"{minutes:.1f}") for node, minutes in reached])
+        rows = [
+            (s.turn, s.street, f"{s.metres:,.0f}", f"{s.minutes:.1f}", s.crowding, f"{s.density:.2f}")
+            for s in self.steps
+        ]
+        end = [("arrive", "", "", "", "", "")] if self.arrives else []
+        return table(("", "street", ">metres", ">minutes", "crowds", ">persons/m²"), [*rows, *end])
 
-    Raises
-    ------
-    RouteError
-        A departure so late that the crowds on the way are not known (field ``depart``).
-    """
-    walker = _Walker.of(located, located.request.futures or _default_futures(located, planner))
-    count = walker.params.futures.count  # one, where the forecast comes true
-    route = walker.expected_route(planner)
-    _check_covered(located, route)
-    baselines = {
-        baseline.name: walker.walk(
-            baseline, min(count, located.live_futures) if baseline.observes == "live" else count, route.seconds
-        )
-        for baseline in located.baselines
-        if baseline.name != planner.name
-    }
-    density = np.asarray(walker.params.expected.of(jnp.int32(0)).known_density)
-    return RoutePlan(
-        located,
-        planner.name,
-        route,
-        _legs(located, walker.alone, density, route),
-        walker.walk(planner, count, route.seconds),
-        baselines,
-        located.streets.densest(density[:, 0]),
-    )
-
-
-def _default_futures(located: LocatedRequest, planner: Planner) -> int:
-    return min(located.futures, located.live_futures) if planner.observes == "live" else located.futures
-
-
-def _check_covered(located: LocatedRequest, route: Route) -> None:
-    scenario, departure = located.scenario, located.departure.clock
-    covered = scenario.slots * scenario.slot_seconds
-    if departure + route.seconds > covered and departure > scenario.departures[1]:
-        raise RouteError(
-            f"crowds are known for {covered / 60:g} minutes, but a walk that departs at {departure / 60:g} takes "
-            f"{route.seconds / 60:.0f}; depart earlier",
-            field="depart",
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Walker:
-    """Walks one request through expected crowds and through futures."""
-
-    located: LocatedRequest
-    params: EnvParams
-    key: Key[Array, ""]
-
-    @staticmethod
-    def of(located: LocatedRequest, futures: int) -> "_Walker":
-        """The walker of a request through so many futures."""
-        destinations = np.array([[located.destination.node]])
-        params = make_environment(
-            located.scenario,
-            located.scenario_map,
-            "test",
-            futures,
-            level="map",
-            destinations=destinations,
-            densities=True,
-        )
-        return _Walker(located, params, purpose_key(located.scenario_map, "test"))
-
-    @property
-    def alone(self) -> EnvParams:
-        """The expected crowds as the only future."""
-        return replace(with_mean_waits(self.params), futures=self.params.expected)
-
-    def expected_route(self, planner: Planner) -> Route:
-        """All of the walk through the expected crowds, however long it is."""
-        once = self._instances(1)
-
-        def whole(params: EnvParams) -> tuple[Route, float]:
-            trace = params.network.nodes
-            while True:
-                (route,) = routes(planner, params, once, self.key, trace)
-                if len(route.segments) < trace:
-                    return route, route.seconds
-                trace *= 8  # it may go on
-
-        return self._informed(planner, self.alone, 0.0, whole)
-
-    def walk(self, planner: Planner, futures: int, seconds: float) -> FutureWalks:
-        """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        todo = self._instances(futures)
-
-        def through(params: EnvParams) -> tuple[Walk, float]:
-            walked = walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
-            return walked, float(walked.seconds.max())
-
-        params = replace(self.params, futures=self.params.futures.first(futures))
-        return FutureWalks.of(planner, self._informed(planner, params, 1.2 * seconds, through))
-
-    def _informed(
-        self, planner: Planner, params: EnvParams, seconds: float, walk: Callable[[EnvParams], tuple[T, float]]
-    ) -> T:
-        """The result of a walk whose planner sees what it needs to.
-
-        Planners that see all counts are shown those of the first slots, enough for about so many ``seconds``, and of
-        more if the walk, which also returns its seconds, takes longer.
-        """
-        scenario, departure = self.located.scenario, self.located.departure.clock
-        if planner.observes != "live":
-            return walk(params)[0]
-        slots = FIRST_SLOTS
-        while slots * scenario.slot_seconds < departure + seconds:
-            slots *= 2
-        while True:
-            shown, forecasts = min(slots, scenario.slots), planner.name != Snapshot.name
-            found, took = walk(see_counts(scenario, self.located.scenario_map.flow, params, shown, forecasts=forecasts))
-            if departure + took <= slots * scenario.slot_seconds or slots >= scenario.slots:
-                return found
-            slots *= 2
-
-    def _plan(self, planner: Planner, params: EnvParams, todo: Instance) -> Plan:
-        """One plan serves all futures, except in hindsight."""
-        if planner.level == "hindsight":
-            return planner.plan(params, todo)
-        plan = planner.plan(params, self._instances(1))
-        count = todo.origin.shape[0]
-        own = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), count, axis=0), plan.own)
-        return eqx.tree_at(lambda plan: plan.own, plan, own)
-
-    def _instances(self, count: int) -> Instance:
-        located = self.located
-        return Instance(
-            origin=jnp.full(count, located.origin.node, jnp.int32),
-            destination=jnp.full(count, located.destination.node, jnp.int32),
-            departure=jnp.full(count, located.departure.clock, jnp.float32),
-            future=jnp.arange(count, dtype=jnp.int32),
+    def _against(self, name: str, baseline: BaselineTimes) -> str:
+        same = baseline.futures == self.futures
+        more, met = baseline.mean_difference_minutes, baseline.mean_difference_exposure
+        crowd = "" if met is None else f", {abs(met):,.0f} person·s/m² {'more' if met >= 0 else 'less'} met"
+        return (
+            f"{name} in {'the same futures' if same else f'the first {baseline.futures} of them'}: "
+            f"{baseline.in_words()}; on average {abs(more):.1f} min {'longer' if more >= 0 else 'shorter'}{crowd}"
         )
 
 
-_cross_expected = jax.jit(lambda params, segment, clock: cross(params, jnp.int32(0), segment, clock))
-
-
-def _legs(
-    located: LocatedRequest, alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route
-) -> tuple[Leg, ...]:
-    """The segments of a route through the expected crowds, whose densities are given in persons/m²."""
-    params = replace(alone, objective=alone.objective or Objective())  # which makes crossings say what crowds they met
-    length, expected = np.asarray(alone.network.length), alone.expected
-
-    def one(segment: int, before: float, after: float) -> Leg:
-        crossed: Crossing = _cross_expected(params, jnp.int32(segment), jnp.float32(before))
-        slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
-        return Leg(
-            segment,
-            located.streets.piece(segment),
-            metres=float(length[segment]),
-            minutes=(after - before) / 60,
-            density=float(density[segment, slot]),
-            exposure=float(jnp.asarray(crossed.exposure)),
-            too_dense=bool(crossed.too_dense),
-        )
-
-    steps = zip(route.segments, route.clocks, route.clocks[1:], strict=False)
-    return tuple(one(*step) for step in steps)
+def _with_shares(course: list[list[float]]) -> list[tuple[list[float], float]]:
+    """Points of a course, each with the share of the length that lies before it."""
+    points = np.array(course)
+    along = np.append(0.0, metres_between(points[:-1], points[1:]).cumsum())
+    return list(zip(course, (along / max(float(along[-1]), 1e-12)).tolist(), strict=True))

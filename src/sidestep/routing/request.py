@@ -3,13 +3,12 @@
 import math
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import MAXYEAR, datetime
+from datetime import datetime
 from pathlib import Path
-from typing import TypedDict
 
-from sidestep.crowds.counts import CountTable, read_counts
+from sidestep.crowds.counts import CountTable
 from sidestep.errors import SidestepError
 from sidestep.planners.base import Planner
 
@@ -17,7 +16,8 @@ Place = int | tuple[float, float]
 """A node, by its number; or, in towns, latitude and longitude in degrees."""
 
 NO_COORDINATES = "a grid has no coordinates; choose text or json, or a scenario with real streets, such as helsinki"
-_PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*", re.ASCII)
+_NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
+_PLACE = re.compile(f"{_NUMBER},{_NUMBER}", re.ASCII)
 _NODE = re.compile(r"\s*[-+]?\d{1,18}\s*", re.ASCII)
 
 
@@ -80,78 +80,6 @@ class RouteRequest:
         if self.futures is not None and self.futures < 1:
             raise RouteError(f"futures must be at least 1, not {self.futures}", field="futures")
 
-    def live_counts(self) -> CountTable | None:
-        """The current counts, read if need be; None where none are given.
-
-        Raises
-        ------
-        SidestepError
-            A file that holds no counts.
-        """
-        if self.live is None or isinstance(self.live, CountTable):
-            return self.live
-        with at_fault("live"):
-            return read_counts(Path(self.live))
-
-
-@dataclass(frozen=True)
-class Departure:
-    """When a walk begins."""
-
-    text: str
-    """For people."""
-
-    clock: float = 0.0
-    """Seconds since the scenario's start; in towns the scenario starts with the departure."""
-
-    hour: float | None = None
-    """Hour of the week, 0 is Monday 0:00; None where crowds do not depend on it."""
-
-    time: datetime | None = None
-    """Local wall time, where a day was given."""
-
-
-class EndJson(TypedDict):
-    """Origin or destination of a route."""
-
-    node: int
-    asked: str
-    latitude: float | None
-    """Degrees, on the street; None on grids, as is the longitude."""
-    longitude: float | None
-    metres_away: float
-    """From the place that was asked for to the street."""
-
-
-@dataclass(frozen=True)
-class End:
-    """Where a route begins or ends."""
-
-    node: int
-    """Number of the node; on split streets one beyond those of the town."""
-
-    asked: str
-    """What was asked for, for people."""
-
-    latitude: float | None = None
-    """Degrees, on the street; None on grids."""
-
-    longitude: float | None = None
-    """Degrees, on the street; None on grids."""
-
-    away: float = 0.0
-    """Metres between this place and the one that was asked for."""
-
-    def to_json(self) -> EndJson:
-        """Ready for ``json.dumps``."""
-        return {
-            "node": self.node,
-            "asked": self.asked,
-            "latitude": self.latitude,
-            "longitude": self.longitude,
-            "metres_away": self.away,
-        }
-
 
 def read_place(field: str, given: str | Place | None) -> Place | None:
     """A node, or latitude and longitude in degrees; text as people write them, such as ``60.1699,24.9384``.
@@ -170,12 +98,8 @@ def read_place(field: str, given: str | Place | None) -> Place | None:
         return given
     if _NODE.fullmatch(given):
         return int(given)
-    found = _PLACE.fullmatch(given)
-    try:
-        if found:
-            return float(found[1]), float(found[2])
-    except ValueError:
-        pass
+    if found := _PLACE.fullmatch(given):
+        return float(found[1]), float(found[2])
     raise RouteError(
         f"the {field} must be a node or LAT,LON such as 60.1699,24.9384, not {given.strip()!r:.60}", field=field
     )
@@ -192,49 +116,12 @@ def read_departure(given: str | datetime | float | None) -> datetime | float | N
     if not isinstance(given, str):
         return given
     text = given.strip()
-    for read in (float, datetime.fromisoformat):
-        try:
-            found: float | datetime = read(text)
-        except ValueError:
-            continue
-        if isinstance(found, float) or len(text) > len("2025-05-24"):
-            return found
+    with suppress(ValueError):
+        return float(text)
+    with suppress(ValueError):
+        if len(text) > len("2025-05-24"):
+            return datetime.fromisoformat(text)
     raise RouteError(
         f"the departure must be a local time such as 2025-05-24T12:30, or minutes on a grid, not {given!r:.60}",
         field="depart",
     )
-
-
-def local_time(depart: datetime | float) -> datetime:
-    """The departure in a town.
-
-    Raises
-    ------
-    RouteError
-        Minutes, and times with a zone or an offset, which the counts do not have.
-    """
-    if not isinstance(depart, datetime) or depart.year == MAXYEAR:
-        raise RouteError(
-            f"the departure must be a local time such as 2025-05-24T12:30, not {depart!s:.60}", field="depart"
-        )
-    if depart.tzinfo is not None:
-        raise RouteError(
-            f"the departure must be local time without zone or offset, such as 2025-05-24T12:30, not {depart}",
-            field="depart",
-        )
-    return depart
-
-
-def minutes_after_start(depart: datetime | float) -> float:
-    """The departure on a grid.
-
-    Raises
-    ------
-    RouteError
-        A time of day, and what is no number.
-    """
-    if isinstance(depart, datetime) or not math.isfinite(depart):
-        raise RouteError(
-            f"on a grid the departure must be a number of minutes after the start, not {depart!s:.60}", field="depart"
-        )
-    return float(depart)

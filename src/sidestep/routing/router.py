@@ -8,8 +8,9 @@ from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, load_planners
 from sidestep.planners.registry import BASELINES, REPLANNING
 from sidestep.routing.locate import LocatedRequest, locator
-from sidestep.routing.plan import RoutePlan, plan_located
+from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import Place, RouteError, RouteRequest, at_fault, read_departure, read_place
+from sidestep.routing.walks import plan_located
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.reader import find_scenario
@@ -44,7 +45,7 @@ class Router:
     >>> import sidestep
     >>> router = sidestep.Router(sidestep.scenario("paper-congested", side=3, crowded_nodes=1))
     >>> plan = router.plan(0, 8, futures=10)
-    >>> plan.route.nodes[0], plan.route.nodes[-1]
+    >>> plan.nodes[0], plan.nodes[-1]
     (0, 8)
     """
 
@@ -53,7 +54,7 @@ class Router:
     ) -> None:
         self.scenario = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
         self._map, self._index = draw_map(self.scenario, seed, index), index
-        self._locator = locator(self.scenario, self._map)
+        self._locate = locator(self.scenario, self._map)
         with at_fault("model"):
             self._learned = load_planners([] if model is None else [Path(model)], self.scenario, seed)
         if self._learned.index not in (None, index):
@@ -90,7 +91,7 @@ class Router:
         SidestepError
             A request that streets, crowds or the planner do not allow; ``error.field`` names the field at fault.
         """
-        located = self._locator.locate(request)
+        located = self._locate(request)
         return plan_located(located, self._planner(located))
 
     def _planner(self, located: LocatedRequest) -> Planner:
@@ -109,11 +110,11 @@ class Router:
 
     def _check_learned(self, located: LocatedRequest) -> None:
         """Refuse ends that a model does not know which remembers nodes."""
-        for field, end in (("origin", located.origin), ("destination", located.destination)):
+        for field, end in (("origin", located.facts.origin), ("destination", located.facts.destination)):
             if self._learned.index is not None and end.node >= self._map.network.nodes:
                 raise RouteError(f"the model remembers nodes; give the {field} as one", field=field)
         with at_fault("destination"):
-            self._learned.check_destination(located.destination.node)
+            self._learned.check_destination(located.facts.destination.node)
 
 
 def plan_route(
@@ -136,7 +137,7 @@ def plan_route(
     >>> import sidestep
     >>> grid = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
     >>> plan = sidestep.plan_route(grid, sidestep.RouteRequest(destination=8, planner="shortest-path", futures=10))
-    >>> plan.planner, plan.route.arrived
+    >>> plan.planner, plan.arrives
     ('shortest-path', True)
     """
     return Router(scenario, model=model, seed=seed, index=index).answer(request)
