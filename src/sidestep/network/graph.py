@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -123,7 +124,7 @@ def road_network(
         other = int(np.argmax(slot == slot[segment]))
         raise NetworkError(f"segments {other} and {segment} share exit {exit_of[segment]} of node {tail[segment]}")
     exit_node.flat[slot], exit_segment.flat[slot] = head, np.arange(len(head))
-    return RoadNetwork(*map(jnp.asarray, (position, exit_node, exit_segment, tail, head, length, width)))
+    return RoadNetwork(*map(jax.device_put, (position, exit_node, exit_segment, tail, head, length, width)))
 
 
 def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:

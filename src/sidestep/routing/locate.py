@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -300,10 +300,10 @@ def padded(spliced: Spliced) -> Spliced:
     kept = np.append(np.arange(network.segments), np.zeros(extra, int))
 
     def nodes(array: Array, value: float) -> Array:
-        return jnp.asarray(np.pad(np.asarray(array), [(0, more), (0, 0)], constant_values=value))
+        return jax.device_put(np.pad(np.asarray(array), [(0, more), (0, 0)], constant_values=value))
 
     def segments(array: Array) -> Array:
-        return jnp.asarray(np.asarray(array)[kept])
+        return jax.device_put(np.asarray(array)[kept])
 
     exits = (nodes(network.exit_node, ABSENT), nodes(network.exit_segment, ABSENT))
     of_segments = map(segments, (network.tail, network.head, network.length, network.width))
