@@ -16,7 +16,10 @@ from .planners.learned import trained_darp as trained_darp
 from .planners.registry import choose_planners as choose_planners
 from .planners.registry import find_planner as find_planner
 from .planners.registry import register_planner as register_planner
-from .routing.grid_plan import foresee as foresee
+from .routing.plan import RoutePlan as RoutePlan
+from .routing.request import RouteRequest as RouteRequest
+from .routing.router import Router as Router
+from .routing.router import plan_route as plan_route
 from .scenarios.builtin import scenario as scenario
 from .scenarios.episodes import instances as instances
 from .scenarios.futures import make_environment as make_environment

@@ -17,7 +17,8 @@ from sidestep.environment.types import EnvParams
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Route
-from sidestep.routing.plan import Journey
+from sidestep.routing.plan import RoutePlan
+from sidestep.routing.request import NO_COORDINATES, RouteError
 
 INK = "#1f2933"
 COLOURS = {
@@ -166,19 +167,28 @@ def crowded_map(
     return figure
 
 
-def route_map(journey: Journey) -> Figure:
-    """The streets around a planned walk, coloured by the people expected on them at the departure, and the walk."""
-    trip, town = journey.trip, journey.trip.streets.town
+def draw_route(plan: RoutePlan) -> Figure:
+    """The streets around a route, coloured by the crowds that are expected on them at the departure, and the route.
+
+    Raises
+    ------
+    RouteError
+        On grids, which have no coordinates (field ``format``).
+    """
+    if plan.streets is None:
+        raise RouteError(NO_COORDINATES, field="format")
+    town = plan.streets.town
+    course = town.project(np.array(plan.course))
     figure = Figure(figsize=(8, 7.5), layout="constrained")
     axes = figure.subplots()
-    west, east, south, north = _frame(town.project(journey.course), town.project(town.points))
+    west, east, south, north = _frame(course, town.project(town.points))
     courses = np.split(town.project(town.points), town.first[1:-1])
     near = [
         street
         for street, course in enumerate(courses)
         if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
     ]
-    density = np.maximum(journey.streets_density[near], _SPARSE)
+    density = np.maximum(plan.streets.density[near], _SPARSE)
     fewest, most = float(np.quantile(density, 0.02)), 1.01 * float(density.max())
     streets = LineCollection(
         [courses[street] for street in near],
@@ -193,24 +203,22 @@ def route_map(journey: Journey) -> Figure:
     ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5) if fewest <= tick <= most]
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     bar.minorticks_off()
-    walk = town.project(journey.course)
     for colour, width in (("white", 6.5), (ROUTE, 3.4)):
-        axes.plot(*walk.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
-    for place, text, face in ((walk[0], "start", "white"), (walk[-1], "end", INK)):
+        axes.plot(*course.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
+    for place, text, face in ((course[0], "start", "white"), (course[-1], "end", INK)):
         axes.plot(*place, "o", color=face, markeredgecolor=INK, markeredgewidth=2.2, markersize=11, zorder=4)
         axes.annotate(text, place, xytext=(10, 8), textcoords="offset points", color=INK, zorder=5, **_HALO)
     axes.set_aspect("equal")
     axes.set(xlim=(west, east), ylim=(south, north))
     axes.axis("off")
     _scale_bar(axes, west, south, east - west)
-    metres, minutes = sum(leg.metres for leg in journey.legs), journey.route.seconds / 60
     figure.suptitle(
-        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min, "
-        f"planned by {journey.planner.name}",
+        f"{plan.scenario}, {plan.departs}: {plan.metres:,.0f} m, {plan.expected_minutes:.0f} min, "
+        f"planned by {plan.planner}",
         color=INK,
     )
     # Below the axes, where nothing lies under it.
-    figure.supxlabel(f"Streets: {town.attribution}\nCrowds: {trip.crowds}", fontsize=8, color=INK)
+    figure.supxlabel("\n".join(plan.sources), fontsize=8, color=INK)
     return figure
 
 

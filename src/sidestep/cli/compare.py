@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from sidestep.cli.console import new_table, objective_in_words, print_table, progress
+from sidestep.cli.console import new_table, print_table, progress
 from sidestep.cli.options import (
     UNCHANGED,
     By,
@@ -107,6 +107,7 @@ def compare(
 def show_results(results: "Results") -> None:
     """Print a comparison as a table."""
     from sidestep.evaluation.metrics import HEADINGS, TEXT_COLUMNS, cells
+    from sidestep.scenarios.objectives import objective_in_words
 
     by, objective = results["by_minutes"], results["objective"]
     only = " (forecasts only)" if results["flows"] == "forecast" else ""

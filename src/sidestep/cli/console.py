@@ -14,14 +14,6 @@ WIDTH = 180
 """Width of tables where the output is no terminal."""
 
 
-def objective_in_words(objective: "dict[str, float | None]") -> str:
-    """Write an objective's weights as a sum."""
-    units = {"time": "s", "distance": "m", "exposure": "person·s/m² met"}
-    terms = [f"{weight:g} x {units[name]}" for name, weight in objective.items() if name in units and weight]
-    most = objective["max_density"]
-    return " + ".join(terms) + ("" if most is None else f", avoiding streets above {most:g} persons/m²")
-
-
 class Advance:
     """Moves a progress bar one step further, with a note."""
 
