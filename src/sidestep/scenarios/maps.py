@@ -5,7 +5,7 @@ import hashlib
 import reprlib
 from dataclasses import replace
 from datetime import datetime
-from typing import Literal, Self, get_args
+from typing import Literal, get_args
 
 import equinox as eqx
 import jax
@@ -57,7 +57,7 @@ class ScenarioMap(eqx.Module):
         """The crowds that walks of one purpose meet."""
         return self.test_flow if purpose == "test" else self.flow
 
-    def on_pieces(self, streets: SplitStreets) -> Self:
+    def on_pieces(self, streets: SplitStreets) -> "ScenarioMap":
         """The same map with some streets split and the same crowds on all their pieces, for walks from anywhere."""
         parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.fraction, jnp.float32)
         flow = self.flow.on_pieces(parent, fraction)
