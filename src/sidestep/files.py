@@ -61,7 +61,7 @@ def reading(path: Path, error: type[SidestepError], holds: str) -> Iterator[Bina
         with path.open("rb") as file:
             yield file
     except error as found:
-        raise error(f"{path}: {' '.join(str(found).split())}") from found
+        raise error(f"{path}: {' '.join(str(found).split())}", field=found.field, line=found.line) from found
     # A syntax error is what XML's reader calls a damaged file.
     except (zipfile.BadZipFile, zlib.error, SyntaxError, EOFError, LookupError, TypeError, ValueError) as found:
         said = " ".join(str(found).split()) or type(found).__name__

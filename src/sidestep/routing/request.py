@@ -12,7 +12,7 @@ from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.profile import time_of_week
 from sidestep.crowds.sensors import SensorFlow
-from sidestep.crowds.table import TableFlow
+from sidestep.crowds.table_flow import TableFlow
 from sidestep.network.snap import Snapped, Snapper
 from sidestep.network.splice import Spliced, splice
 from sidestep.network.town import Town

@@ -1,7 +1,5 @@
 """Venues: streets of a real place, with the crowds that its sensors count."""
 
-import difflib
-import reprlib
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -17,10 +15,10 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from sidestep.crowds.counts import CountTable, load_auckland, read_counts
 from sidestep.crowds.crowd_table import CrowdTable, load_crowd_table
 from sidestep.crowds.interpolation import interpolation_weights
-from sidestep.crowds.live import CurrentCounts
-from sidestep.crowds.profile import hour_of_week
-from sidestep.crowds.sensors import SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
-from sidestep.crowds.table import TableFlow
+from sidestep.crowds.live import latest_counts
+from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_sensors, recorded_weeks
+from sidestep.crowds.sensors import SensorFlow
+from sidestep.crowds.table_flow import TableFlow
 from sidestep.files import cached_by_files
 from sidestep.network.formats import load_helsinki, load_town
 from sidestep.network.graph import RoadNetwork
@@ -193,32 +191,14 @@ def with_live_counts(venue: Venue, flow: SensorFlow, table: CountTable, departur
 
     Raises
     ------
-    ScenarioError
+    CountsError
         Sensors that the venue does not have, counts of another hour than that of the departure or the one before it,
         no count at all.
     """
     sensors = sensors_of(venue)
-    names = [sensor.name for sensor in sensors]
-    for name in table.sensors:
-        if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(map(repr, names))}"
-            raise ScenarioError(f"{table.source}: no sensor {reprlib.repr(name)} in this place; {hint}")
-    counted, leaves = table.times[-1], np.datetime64(departure, "h")
-    if counted not in (leaves, leaves - 1):
-        raise ScenarioError(
-            f"{table.source}: the last counts are of the hour from {counted}:00, but the departure is "
-            f"{departure.isoformat(timespec='minutes')}; they must be of the hour of the departure or the one before"
-        )
-    last = np.array([table.series(name)[-1] if name in table.sensors else np.nan for name in names])
-    known = int(np.isfinite(last).sum())
-    if not known:
-        raise ScenarioError(f"{table.source}: nothing was counted in the last hour, from {counted}:00")
-    usual = np.asarray(flow.model.expected)[hour_of_week(table.times[-1:])[0]]
-    since = (np.datetime64(departure, "s") - counted.astype("datetime64[s]")).astype(float) / HOUR - 0.5
-    residual = np.log1p(last)[np.concatenate(places_of(sensors, venue.places))] - usual
-    counts = CurrentCounts(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
-    return replace(flow, current=counts, record=None), known
+    latest = latest_counts(table, [sensor.name for sensor in sensors], departure)
+    every = latest.counts[np.concatenate(places_of(sensors, venue.places))]
+    return flow.going_on_from(replace(latest, counts=every)), latest.known
 
 
 def _none(leaf: object) -> bool:
