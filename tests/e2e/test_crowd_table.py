@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from sidestep.agent.presets import preset_for
-from sidestep.crowds.crowd_table import load_crowd_table, read_table, save_crowd_table
-from sidestep.crowds.table import TableFlow
+from sidestep.crowds.crowd_table import load_crowd_table, save_crowd_table
+from sidestep.crowds.table_flow import TableFlow
+from sidestep.crowds.table_reader import read_table
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import save_town
 from sidestep.network.town import Town
@@ -151,8 +152,7 @@ def test_walks_through_a_table(folder: Path) -> None:
     place = draw_map(problem, 0)
     assert isinstance(place.flow, TableFlow)
     assert place.recorded is None
-    there = place.beginning([132.0, 133.0])
-    first, second = np.asarray(there.flow.expected(2).density(place.network))[:, 0, :3]
+    first, second = np.asarray(place.flow.expected(np.array([132.0, 133.0]), 2).density(place.network))[:, 0, :3]
     assert first == pytest.approx([0, 3.70808, 3.70808], rel=1e-4)
     assert second == pytest.approx([3.70808, 3.70808, 0], rel=1e-4)
     chosen = choose_planners(problem, ["snapshot", "forecast"]).factories
