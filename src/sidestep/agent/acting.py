@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float, Int
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy
 from sidestep.environment.dynamics import random_exit, reset, step
-from sidestep.environment.instances import DRAWS, InstanceSampler
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Observation
+from sidestep.scenarios.episodes import DRAWS, InstanceSampler
 
 ACTING_DRAWS = 2 + DRAWS
 """Uniform numbers that one step of one walker takes."""

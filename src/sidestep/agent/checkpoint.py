@@ -14,13 +14,12 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy, deployed
-from sidestep.agent.problem import learned_place
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.train import TrainState, prepare, selected_params
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
 from sidestep.network.graph import RoadNetwork, road_network
-from sidestep.scenarios.maps import draw_training_map, fingerprint
+from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
 
 FORMAT: Literal[5] = 5
@@ -114,14 +113,13 @@ def load(folder: Path) -> Checkpoint:
 
     def template(metadata: Metadata) -> TrainState:
         drawn = draw_training_map(metadata.scenario, metadata.seed, metadata.map)
-        if fingerprint(drawn) != metadata.fingerprint:
+        if drawn.fingerprint != metadata.fingerprint:
             raise CheckpointError(
                 f"the streets or crowds of {metadata.scenario.name} have changed since the training in {folder} was "
                 "saved; it cannot go on",
                 field="fingerprint",
             )
-        scenario_map = learned_place(metadata.config, metadata.scenario, drawn)
-        return jax.eval_shape(lambda here: _plain(prepare(metadata.config, metadata.scenario, here)[1]), scenario_map)
+        return jax.eval_shape(lambda here: _plain(prepare(metadata.config, metadata.scenario, here)[1]), drawn)
 
     metadata, state = _read(folder, CHECKPOINT, template)
     return Checkpoint(metadata, _keyed(state))

@@ -37,7 +37,7 @@ class Policy(eqx.Module):
             preferred = jnp.argmax(mask(-estimate, observation.valid))
             values = values.at[preferred].add(self.margin)
         if self.estimate_when_revisiting:
-            values = jnp.where(local.again, -estimate, values)
+            values = jnp.where(local.revisiting, -estimate, values)
         return values
 
 

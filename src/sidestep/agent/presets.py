@@ -138,11 +138,11 @@ def preset_for(scenario: Scenario, name: Preset, level: Information | None = Non
     TrainConfigError
         The preset does not exist at this level, or nothing can be learned there at it.
     """
-    return (_for_town if scenario.venue else _for_grid)(scenario, name, level or scenario.level)
+    return (_for_town if scenario.place.anywhere else _for_grid)(scenario, name, level or scenario.level)
 
 
 def _for_grid(scenario: Scenario, name: Preset, level: Information) -> TrainConfig:
-    return preset(name, level, several_maps=scenario.training_maps > 0, nodes=scenario.side**2)
+    return preset(name, level, several_maps=scenario.place.training_maps > 0, nodes=scenario.place.nodes)
 
 
 # Streets in towns are short, and jams make some walks many times longer than most: hence long returns, small steps,
@@ -162,14 +162,13 @@ def _for_town(scenario: Scenario, name: Preset, level: Information) -> TrainConf
         raise TrainConfigError(
             f"a walker that observes its position alone cannot learn to walk anywhere in {scenario.name}", field="level"
         )
-    assert scenario.venue is not None  # noqa: S101
-    nodes = town_of(scenario.venue.streets).nodes
-    destinations = min(32, len(scenario.venue.destinations) or 32, max(nodes - 2, 1))
+    nodes = town_of(scenario.place.streets).nodes
+    destinations = min(32, len(scenario.place.destinations) or 32, max(nodes - 2, 1))
     each = 32 // destinations * destinations  # the same number of futures for every destination
     config = preset(name, level, several_maps=True).changed(
         **_TOWN, destinations=destinations, futures=2 * each, fresh_futures=each
     )
-    if scenario.sensed:
+    if scenario.place.interpolated:
         config = config.changed(**_MARGINS.get(level, {}))
     if level == "live":  # forecasts take too long to be renewed
         return config.changed(futures=3 * each, fresh_futures=0, learning_rate=1e-4, rounds=40)

@@ -9,9 +9,8 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from sidestep.agent.config import TrainConfig
-from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.scenarios.episodes import destinations_of, instances, sampler, set_out
+from sidestep.scenarios.episodes import InstanceSampler, destinations_of, instances, sampler
 from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Scenario
@@ -27,19 +26,8 @@ class Problem(eqx.Module):
     """Greedy test walks, through futures of their own."""
 
 
-def learned_place(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> ScenarioMap:
-    """A map at the hours at which training walkers set out for each of their destinations.
-
-    Raises
-    ------
-    ScenarioError
-        There are fewer destinations than are to be learned, or no way on from a crossing.
-    """
-    return set_out(scenario, scenario_map, destinations_of(scenario_map, config.destinations))
-
-
 def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> Problem:
-    """Draw futures and choose walks on one map."""
+    """Draw futures and choose walks on one map; ``jax.eval_shape`` may trace it."""
     destinations = destinations_of(scenario_map, config.destinations)
     params = make_environment(
         scenario,
@@ -78,8 +66,11 @@ def renewed(
         yield from itertools.repeat(params)
 
     def renew(params: EnvParams, number: int) -> EnvParams:
-        fresh = sample_futures(scenario, scenario_map, params, number, futures=config.fresh_futures)
-        return replace_futures(params, fresh, jnp.int32(number * config.fresh_futures % config.futures))
+        fresh = sample_futures(
+            scenario, scenario_map, params, number, futures=config.fresh_futures, among=config.futures
+        )
+        first = jnp.int32(number * config.fresh_futures % config.futures)
+        return replace_futures(params, fresh, first, among=config.futures)
 
     # Earlier ones have been replaced again.
     latest = before - math.ceil(config.futures / config.fresh_futures)

@@ -113,7 +113,7 @@ def untrained(config: TrainConfig, scenario: Scenario, network: RoadNetwork, key
         network,
         key,
         level=config.level,
-        sensed=scenario.sensed,
+        sensed=scenario.place.interpolated,
         hidden=config.hidden,
         places=config.places,
         bins=1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS),

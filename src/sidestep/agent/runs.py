@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata, Model, load, save
 from sidestep.agent.config import TrainConfig
-from sidestep.agent.problem import learned_place
 from sidestep.agent.train import TrainState, training_rounds
 from sidestep.files import output_folder
-from sidestep.scenarios.maps import draw_training_map, fingerprint
+from sidestep.scenarios.episodes import check_paths, destinations_of
+from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
 
 SAVE_SECONDS = 2.0
@@ -131,8 +131,10 @@ def train(
     (2, 9)
     """
     drawn = draw_training_map(scenario, seed, index)
-    learned_place(config, scenario, drawn)  # refuses what cannot be learned before anything is written
-    metadata = Metadata(scenario=scenario, seed=seed, map=index, config=config, fingerprint=fingerprint(drawn))
+    # What nobody can learn is refused before anything is written.
+    destinations_of(drawn, config.destinations)
+    check_paths(drawn)
+    metadata = Metadata(scenario=scenario, seed=seed, map=index, config=config, fingerprint=drawn.fingerprint)
     state = None
     if resume:
         metadata, state = _resumed(out, metadata)

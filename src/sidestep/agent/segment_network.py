@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.agent.layers import Linear, combine, through, zero_ended_layers
-from sidestep.environment.types import RECENT_NODES, Live, Local, Observation, Usual
+from sidestep.environment.types import RECENT_NODES, Expected, Live, Local, Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.speed_laws import FREE_SPEED
 
@@ -79,11 +79,11 @@ class SegmentQNetwork(eqx.Module):
         """Inputs of about unit size: those of the state, and those of each segment that leaves."""
         least = jnp.min(jnp.where(seen.valid, estimate, jnp.inf))
         state, segments = self._local(seen, local, estimate, least)
-        if seen.usual is not None:
-            more_state, more = self._map(seen, local, seen.usual, least)
+        if seen.expected is not None:
+            more_state, more = self._map(seen, local, seen.expected, least)
             state, segments = state + more_state, segments + more
         if seen.live is not None:
-            segments += self._live(local, seen.usual, seen.live, estimate, least)
+            segments += self._live(local, seen.expected, seen.live, estimate, least)
         segments = [jnp.where(seen.valid, each, 0.0) for each in segments]
         return jnp.concatenate(state), jnp.stack(segments, axis=1)
 
@@ -106,38 +106,38 @@ class SegmentQNetwork(eqx.Module):
             (far - onward) / local.length,
             onward / self.metres / 10,
             jnp.minimum((estimate - least) / self.seconds, FAR) / 3,
-            (local.left == 1).astype(float),
-            jnp.where(local.left <= RECENT_NODES, 1 - local.left / (1 + RECENT_NODES), 0.0),
+            (local.steps_since_visit == 1).astype(float),
+            jnp.where(local.steps_since_visit <= RECENT_NODES, 1 - local.steps_since_visit / (1 + RECENT_NODES), 0.0),
         ]
 
     def _map(
-        self, seen: Observation, local: Local, usual: Usual, least: Float[Array, ""]
+        self, seen: Observation, local: Local, expected: Expected, least: Float[Array, ""]
     ) -> tuple[list[Array], list[Array]]:
         """What level ``map`` observes beside level ``local``."""
         segments = [
-            jnp.log(usual.cost / self.seconds),
-            jnp.log(local.cost / usual.cost),
-            self._cut_off(usual.to_go - least),
+            jnp.log(expected.cost / self.seconds),
+            jnp.log(local.cost / expected.cost),
+            self._cut_off(expected.to_go - least),
         ]
-        if usual.log_density_ratio is None or usual.cost_to_go_scaled is None:
+        if expected.log_density_ratio is None or expected.cost_to_go_scaled is None:
             return [], segments
-        scaled = jnp.clip(usual.cost_to_go_scaled / self.seconds, -FAR, FAR) / 3
+        scaled = jnp.clip(expected.cost_to_go_scaled / self.seconds, -FAR, FAR) / 3
         least_scaled = jnp.min(jnp.where(seen.valid, scaled, jnp.inf))
-        mean_ratio = jnp.sum(jnp.where(seen.valid, usual.log_density_ratio, 0.0)) / seen.valid.sum()
-        return [mean_ratio[None]], [*segments, usual.log_density_ratio, scaled, (scaled - least_scaled) * mean_ratio]
+        mean_ratio = jnp.sum(jnp.where(seen.valid, expected.log_density_ratio, 0.0)) / seen.valid.sum()
+        return [mean_ratio[None]], [*segments, expected.log_density_ratio, scaled, (scaled - least_scaled) * mean_ratio]
 
     def _live(
         self,
         local: Local,
-        usual: Usual | None,
+        expected: Expected | None,
         live: Live,
         estimate: Float[Array, " exit"],
         least: Float[Array, ""],
     ) -> list[Array]:
         """What level ``live`` observes beside level ``map``."""
         segments = [self._cut_off(live.snapshot - least), self._cut_off(live.snapshot - estimate)]
-        if usual is not None:
-            segments.append(self._cut_off(local.cost + usual.to_go - estimate))
+        if expected is not None:
+            segments.append(self._cut_off(local.cost + expected.to_go - estimate))
         return segments
 
     def _cut_off(self, seconds: Float[Array, " exit"]) -> Float[Array, " exit"]:

@@ -13,13 +13,13 @@ from sidestep.agent.acting import ACTING_DRAWS, Transition, Walkers, act, place_
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.learning import Learner, learn, start_learner
 from sidestep.agent.policy import Policy, deployed
-from sidestep.agent.problem import Problem, anywhere, learned_place, pose, renewed
+from sidestep.agent.problem import Problem, anywhere, pose, renewed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.replay import Replay, add, empty_replay
-from sidestep.environment.instances import DRAWS, InstanceSampler
 from sidestep.environment.rollout import walk
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.files import cached_by_files
+from sidestep.scenarios.episodes import DRAWS, InstanceSampler
 from sidestep.scenarios.maps import ScenarioMap, draw_training_map, purpose_key
 from sidestep.scenarios.model import Scenario
 
@@ -61,7 +61,6 @@ def training_rounds(
 
     The state that was yielded is used up by the next round: copy what is to be kept.
     """
-    scenario_map = learned_place(config, scenario, scenario_map)
     with ThreadPoolExecutor(1) as executor:
         # The round takes seconds to compile the first time; futures are drawn meanwhile.
         compiling = executor.submit(_compiled_round, config, scenario)
@@ -83,10 +82,10 @@ def prepare(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) 
     return problem, start(config, scenario, problem.params, problem.sampler, scenario_map)
 
 
-@cached_by_files(lambda _, scenario: scenario.files, most=16)
+@cached_by_files(lambda _, scenario: scenario.place.files, most=16)
 def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
-    scenario_map = learned_place(config, scenario, draw_training_map(scenario, seed=0))
+    scenario_map = draw_training_map(scenario, seed=0)
     problem, state = jax.eval_shape(partial(prepare, config, scenario), scenario_map)
     return train_round.lower(config, problem.params, problem.sampler, problem.tests, state).compile()
 

@@ -19,7 +19,7 @@ from sidestep.environment.types import EnvParams, Information, Instance, Observa
 from sidestep.errors import SidestepError
 from sidestep.planners.base import DecideByPlan, Plan
 from sidestep.scenarios.episodes import destinations_of
-from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map, fingerprint
+from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 from sidestep.scenarios.model import Scenario
 
 
@@ -182,16 +182,17 @@ def _check_fits(folder: Path, metadata: Metadata, scenario: Scenario, level: Inf
         raise ModelError(
             f"the model in {folder} learned for another objective; give the same --objective", field="objective"
         )
-    if at in ("map", "live") and learned.sensed != scenario.sensed:
+    if at in ("map", "live") and learned.place.interpolated != scenario.place.interpolated:
         where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
+        known = where[learned.place.interpolated]
         raise ModelError(
-            f"the model in {folder} learned to walk {where[learned.sensed]}; {scenario.name} is another kind",
+            f"the model in {folder} learned to walk {known}; {scenario.name} is another kind",
             field="scenario",
         )
 
 
 def _check_place(folder: Path, metadata: Metadata, scenario_map: ScenarioMap) -> None:
-    if fingerprint(scenario_map) == metadata.fingerprint:
+    if scenario_map.fingerprint == metadata.fingerprint:
         return
     here = scenario_map.network.nodes
     learned = draw_training_map(metadata.scenario, metadata.seed, metadata.map).network.nodes
@@ -211,7 +212,7 @@ def trainable(
     train on, that is done once for all maps.
     """
     configs = {Darp.name: preset_for(scenario, name, level), "dqn": preset_for(scenario, "dqn", level)}
-    if not scenario.training_maps and scenario.venue is None and destinations == 1:
+    if not scenario.place.training_maps and not scenario.place.anywhere and destinations == 1:
         configs["tabular-q"] = preset("tabular-q")
     return {
         key: _factory(scenario, seed, config.changed(destinations=max(config.destinations, destinations)))
@@ -225,4 +226,4 @@ def _factory(scenario: Scenario, seed: int, config: TrainConfig) -> Factory:
         return trained_darp(train(scenario, config, seed=seed, index=index).model)
 
     # What is learned on maps made for it serves all maps.
-    return lambda _map, index: learned(0 if scenario.training_maps else index)
+    return lambda _map, index: learned(0 if scenario.place.training_maps else index)
