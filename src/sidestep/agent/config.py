@@ -1,6 +1,6 @@
 """How to learn: every setting of a training run."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -130,7 +130,7 @@ class TrainConfig(BaseModel):
         __init__.__pydantic_base_init__ = True  # as a field of another model it is validated without it
 
     @model_validator(mode="after")
-    def _check_together(self) -> Self:
+    def _check_together(self) -> "TrainConfig":
         if self.n_step > self.iterations:
             raise TrainConfigError(
                 f"n_step must be at most the {self.iterations} iterations of a round, not {self.n_step}", field="n_step"
