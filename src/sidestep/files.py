@@ -1,6 +1,7 @@
 """Writing results, whole or not at all, and reading files that may be damaged."""
 
 import os
+import re
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -61,12 +62,24 @@ def reading(path: Path, error: type[SidestepError], holds: str) -> Iterator[Bina
         with path.open("rb") as file:
             yield file
     except error as found:
-        raise error(f"{path}: {' '.join(str(found).split())}") from found
-    # A syntax error is what XML's reader calls a damaged file.
-    except (zipfile.BadZipFile, zlib.error, SyntaxError, EOFError, LookupError, TypeError, ValueError) as found:
+        raise error(f"{path}: {' '.join(str(found).split())}", field=found.field, line=found.line) from found
+    # A syntax error is what XML's reader calls a damaged file, a runtime error what OpenStreetMap's does.
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        SyntaxError,
+        EOFError,
+        LookupError,
+        TypeError,
+        ValueError,
+        RuntimeError,
+    ) as found:
         said = " ".join(str(found).split()) or type(found).__name__
-        raise error(f"{path} is damaged or holds no {holds}: {said:.200}") from found
-    except (AttributeError, OverflowError, MemoryError, NotImplementedError, RuntimeError) as found:
+        line = re.search(r"\bline (\d+)", said)
+        raise error(
+            f"{path} is damaged or holds no {holds}: {said:.200}", line=None if line is None else int(line[1])
+        ) from found
+    except (AttributeError, OverflowError, MemoryError) as found:
         raise error(f"{path} is damaged or holds no {holds}: {type(found).__name__}") from found
     except OSError as found:
         raise error(f"cannot read {path}: {reason(found)}") from found

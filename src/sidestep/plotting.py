@@ -38,12 +38,20 @@ _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="wh
 STYLES = {"clairvoyant": ":", "expected": "--", "shortest-path": "-", "random-progress": "-."}
 
 
+def _colour(planner: str, number: int) -> str:
+    """A planner's own colour, or one of matplotlib's."""
+    return COLOURS.get(planner, f"C{number}")
+
+
 @dataclass(frozen=True)
 class Curve:
-    """Minutes after every round, over maps."""
+    """The learning curve of one preset."""
 
     minutes: Float[np.ndarray, "map round"]
+    """Mean minutes of the greedy test walks after every round."""
+
     round_steps: int
+    """Steps of a round."""
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -53,23 +61,33 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str, float]) -> Figure:
-    """The paper's figures 4 and 5: minus the minutes of greedy test walks over rounds of training.
+    """Draw the paper's figures 4 and 5: minus the minutes of greedy test walks over rounds of training.
 
-    Thick lines are means over maps, bands the middle half of the maps; baselines that do not learn are level. Minutes
-    go from near zero (walkers that arrive) to the horizon (walkers that do not), hence the logarithmic axis.
+    Thick lines are means over maps, bands the middle half of the maps; planners that do not learn are level lines.
+    Minutes reach from near zero (walkers that arrive) to the horizon (walkers that do not), hence the logarithmic axis.
+
+    Parameters
+    ----------
+    title
+        Heading of the picture.
+    curves
+        Learning curves by preset.
+    lines
+        Mean minutes by planner.
     """
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
-    for name, minutes in lines.items():
-        label = f"{name} ({-minutes:.0f})"
-        axes.axhline(minutes, color=COLOURS[name], linestyle=STYLES[name], linewidth=1.6, label=label)
-    for name, curve in curves.items():
+    for number, (name, minutes) in enumerate(lines.items()):
+        label, colour = f"{name} ({-minutes:.0f})", _colour(name, number)
+        axes.axhline(minutes, color=colour, linestyle=STYLES.get(name, "-"), linewidth=1.6, label=label)
+    for number, (name, curve) in enumerate(curves.items()):
+        colour = _colour(name, number)
         rounds = np.arange(1, curve.minutes.shape[1] + 1)
         low, high = np.percentile(curve.minutes, [25, 75], axis=0)
         mean = curve.minutes.mean(axis=0)
-        axes.fill_between(rounds, low, high, color=COLOURS[name], alpha=0.2, linewidth=0)
+        axes.fill_between(rounds, low, high, color=colour, alpha=0.2, linewidth=0)
         label = f"{name} ({-mean[-1]:.0f} after {len(rounds)} rounds of {curve.round_steps:,} steps)"
-        axes.plot(rounds, mean, color=COLOURS[name], linewidth=2.4, label=label)
+        axes.plot(rounds, mean, color=colour, linewidth=2.4, label=label)
     axes.set_yscale("log")
     axes.invert_yaxis()
     ticks = [50, 75, 100, 150, 250, 500, 1000, 1440]
@@ -88,7 +106,19 @@ def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str,
 def crowded_map(
     title: str, params: EnvParams, volume: Float[np.ndarray, " segment"], routes: Mapping[str, Route]
 ) -> Figure:
-    """The streets, coloured by the people on them at departure, and the routes of planners side by side."""
+    """Draw a grid's streets, coloured by the people on them, and the routes of planners side by side.
+
+    Parameters
+    ----------
+    title
+        Heading of the picture.
+    params
+        The environment.
+    volume
+        Persons on each segment at the departure.
+    routes
+        One route by each planner.
+    """
     network = params.network
     figure = Figure(figsize=(8.5, 7.5), layout="constrained")
     axes = figure.subplots()
@@ -104,7 +134,7 @@ def crowded_map(
         capstyle="round",
     )
     axes.add_collection(streets)
-    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at departure")
+    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at the departure")
     ticks = [tick for tick in (200, 500, 1000, 2000, 5000) if fewest <= tick <= most]
     bar.set_ticks(ticks, labels=[f"{tick:,}" for tick in ticks])
     bar.minorticks_off()
@@ -115,7 +145,8 @@ def crowded_map(
         shift = (rank - (len(routes) - 1) / 2) * 0.045 * spacing
         line = _beside(legs, shift).reshape(-1, 2)
         label = f"{name}: {route.seconds / 60:.0f} min" + ("" if route.arrived else " (did not arrive)")
-        axes.plot(*line.T, color=COLOURS[name], linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
+        colour = _colour(name, rank)
+        axes.plot(*line.T, color=colour, linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
     for node, text in ((_routes_end(routes, 0), "origin"), (_routes_end(routes, -1), "destination")):
         x, y = np.asarray(network.position)[node]
         axes.plot(x, y, "o", color=INK, markersize=9, zorder=4)
@@ -194,20 +225,33 @@ def draw_route(plan: RoutePlan) -> Figure:
 class TradeOffPoint(TypedDict):
     """Means of the walks of one planner with one weight of exposure."""
 
-    weight: float | None  # s for each person·s/m²; None where it makes no difference
+    weight: float | None
+    """Seconds for each person·s/m²; None where it makes no difference."""
+
     minutes: float
-    exposure: float  # person·s/m²
+
+    exposure: float
+    """Crowd met, person·s/m²."""
+
     metres: float
     arrival_rate: float
 
 
 def trade_off_curve(title: str, caption: str, curves: Mapping[str, Sequence[TradeOffPoint]]) -> Figure:
-    """Minutes against the crowd met, one curve for each planner, one point for each weight of exposure."""
+    """Draw minutes against the crowd met.
+
+    Parameters
+    ----------
+    title, caption
+        Texts above and below the picture.
+    curves
+        By planner: one point for each weight of exposure.
+    """
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.subplots()
     for number, (name, points) in enumerate(curves.items()):
         minutes, exposure = [point["minutes"] for point in points], [point["exposure"] for point in points]
-        colour = COLOURS.get(name, f"C{number}")
+        colour = _colour(name, number)
         axes.plot(minutes, exposure, color=colour, linewidth=2, marker="o", label=name, zorder=3)
         for point in points:
             axes.annotate(

@@ -38,7 +38,7 @@ def test_an_extract_becomes_a_town(import_osm, tmp_path) -> None:
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert (found["ways"], found["walkable"], found["nodes"], found["streets"]) == (4, 3, 5, 4)
-    assert found["dropped"] == {"way: not a kind that is walked": 1, "street: within a merged crossing": 1}
+    assert found["dropped"] == {"way: not a walkable kind": 1, "street: inside a merged crossing": 1}
     assert (found["out"], found["most_exits"]) == ("made/town.npz", 4)
     town = load_town(tmp_path / "made" / "town.npz")
     assert (town.nodes, town.streets) == (5, 4)
@@ -48,7 +48,7 @@ def test_an_extract_becomes_a_town(import_osm, tmp_path) -> None:
 def test_people_are_told_what_was_dropped(import_osm, tmp_path) -> None:
     done = import_osm("town.osm", "--out", "town.graphml", "--merge", 0)
     assert done.returncode == 0, done.stderr
-    for said in ("3 of 4 highways", "not a kind that is walked", "town.graphml", "OpenStreetMap contributors"):
+    for said in ("3 of 4 highways", "not a walkable kind", "town.graphml", "OpenStreetMap contributors"):
         assert said in done.stdout
     assert load_town(tmp_path / "town.graphml").streets == 5
 

@@ -165,8 +165,8 @@ def test_an_exit_that_does_not_exist_becomes_the_next(
     assert int(state.node) == leads_to
     # and it is the street to there that takes its time
     (segment,) = np.flatnonzero((busy.network.tail == node) & (busy.network.head == leads_to))
-    field = busy.futures.of(jnp.int32(0))
-    there = crossing_time(field, jnp.int32(segment), busy.network.length[segment], jnp.float32(0))
+    row = busy.futures.speeds.row(jnp.int32(0), jnp.int32(segment))
+    there = crossing_time(row, busy.network.length[segment], jnp.float32(0))
     assert float(outcome.crossed.seconds) == pytest.approx(float(there), rel=1e-6)
 
 

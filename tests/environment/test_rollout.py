@@ -41,10 +41,11 @@ def test_a_walk_is_its_steps(busy, make_instance, future: int, departure: float)
     exits = [2, 2, 0, 0, 3, 3, 2, 2, 0]
     walked = jax.jit(lambda: walk(busy, always(exits), instance, KEY, trace=12))()
     state, _ = reset(busy, instance)
-    nodes, clocks, seconds = [0], [departure], 0.0
+    nodes, segments, clocks, seconds = [0], [], [], 0.0
     for _ in range(8):
         state, outcome = step(busy, state, jnp.int32(exits[int(state.node)]))
         nodes.append(int(state.node))
+        segments.append(int(outcome.segment))
         clocks.append(float(state.clock))
         seconds += float(outcome.crossed.seconds)
     assert nodes == [0, 1, 2, 5, 4, 3, 6, 7, 8]
@@ -52,23 +53,25 @@ def test_a_walk_is_its_steps(busy, make_instance, future: int, departure: float)
     assert bool(walked.arrived)
     assert int(walked.steps) == 8
     assert float(walked.seconds) == pytest.approx(seconds, rel=1e-5)
-    assert walked.nodes.tolist() == nodes + [8] * 3
-    np.testing.assert_allclose(walked.clocks, clocks + clocks[-1:] * 3, rtol=1e-5)
+    assert walked.segments.tolist() == segments + [-1] * 4
+    np.testing.assert_allclose(walked.clocks, clocks + clocks[-1:] * 4, rtol=1e-5)
+    assert busy.network.head[walked.segments[:8]].tolist() == nodes[1:]
 
 
 def test_by_hand(steady, make_instance) -> None:
     # down 150 m, then 250 m, at 1 m/s
     walked = walk(steady, always([1, 0, 0, 0]), make_instance(departure=30.0), KEY, trace=5)
     assert (bool(walked.arrived), int(walked.steps), float(walked.seconds)) == (True, 2, 400)
-    assert walked.nodes.tolist() == [0, 2, 3, 3, 3]
-    assert walked.clocks.tolist() == [30, 180, 430, 430, 430]
+    assert walked.segments.tolist() == [2, 3, -1, -1, -1]
+    assert walked.clocks.tolist() == [180, 430, 430, 430, 430]
+    assert (float(walked.cost), walked.measures) == (400, {})
 
 
 def test_a_walk_that_does_not_arrive_counts_as_the_horizon(steady, make_instance) -> None:
     # to and fro between 0 and 1, 100 s each: over at 1000 s, after 10 steps
     walked = walk(steady, always([0, 1, 1, 0]), make_instance(departure=30.0), KEY, trace=12)
     assert (bool(walked.arrived), int(walked.steps), float(walked.seconds)) == (False, 10, 1000)
-    assert walked.nodes.tolist() == [0, 1] * 5 + [0, 0]
+    assert walked.segments.tolist() == [0, 4] * 5 + [-1, -1]
     # to and fro between 0 and 2, 150 s each: the seventh step ends at 1050 s, and still the walk counts 1000
     walked = walk(steady, always([1, 1, 1, 0]), make_instance(departure=30.0), KEY)
     assert (bool(walked.arrived), int(walked.steps), float(walked.seconds)) == (False, 7, 1000)
@@ -76,20 +79,20 @@ def test_a_walk_that_does_not_arrive_counts_as_the_horizon(steady, make_instance
 
 def test_a_short_trace_keeps_the_beginning(steady, make_instance) -> None:
     walked = walk(steady, always([0, 0, 0, 0]), make_instance(), KEY, trace=2)
-    assert walked.nodes.tolist() == [0, 1]
-    assert walked.clocks.tolist() == [0, 100]
+    assert walked.segments.tolist() == [0, 1]
+    assert walked.clocks.tolist() == [100, 300]
     assert float(walked.seconds) == 300
 
 
 def test_no_trace_unless_asked_for(steady, make_instance) -> None:
     walked = walk(steady, always([0, 0, 0, 0]), make_instance(), KEY)
-    assert walked.nodes.shape == walked.clocks.shape == (0,)
+    assert walked.segments.shape == walked.clocks.shape == (0,)
 
 
 def test_being_there_already_takes_no_time(steady, make_instance) -> None:
     walked = walk(steady, always([0, 0, 0, 0]), make_instance(origin=3, departure=77.0), KEY, trace=3)
     assert (bool(walked.arrived), int(walked.steps), float(walked.seconds)) == (True, 0, 0)
-    assert walked.nodes.tolist() == [3, 3, 3]
+    assert walked.segments.tolist() == [-1, -1, -1]
     assert walked.clocks.tolist() == [77, 77, 77]
 
 
@@ -98,7 +101,7 @@ def test_every_crossing_has_its_own_random_numbers(make_params, make_instance) -
     network = road_network(np.zeros((3, 2)), tail=[0, 0, 1, 1], head=[1, 1, 0, 0], length=[1.0, 3.0, 1.0, 3.0])
     params = make_params(network, speed_field(jnp.ones((4, 1)), 300.0), horizon=400)
     walked = walk(params, at_random, make_instance(destination=2), KEY, trace=100)
-    metres = np.diff(walked.clocks)
+    metres = np.diff(walked.clocks, prepend=0.0)
     assert set(metres.tolist()) == {1, 3}
     assert 30 < (metres == 1).sum() < 70
 
@@ -110,13 +113,13 @@ def test_walks_side_by_side_are_walks_alone(busy, make_instance) -> None:
     @jax.jit
     def one(instance: Instance, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         walked = walk(busy, at_random, instance, key, trace=30)
-        return walked.seconds, walked.nodes
+        return walked.seconds, walked.segments
 
-    seconds, nodes = jax.vmap(one)(several, keys)
+    seconds, segments = jax.vmap(one)(several, keys)
     for i in range(3):
-        alone_seconds, alone_nodes = one(jax.tree.map(lambda leaf, i=i: leaf[i], several), keys[i])
+        alone_seconds, alone_segments = one(jax.tree.map(lambda leaf, i=i: leaf[i], several), keys[i])
         assert float(alone_seconds) == pytest.approx(float(seconds[i]), rel=1e-5)
-        assert alone_nodes.tolist() == nodes[i].tolist()
+        assert alone_segments.tolist() == segments[i].tolist()
 
 
 def test_nothing_counts_more_than_the_horizon(make_params, make_instance) -> None:
@@ -125,4 +128,4 @@ def test_nothing_counts_more_than_the_horizon(make_params, make_instance) -> Non
     params = make_params(network, speed_field(jnp.ones((2, 1)), 300.0), horizon=600)
     walked = walk(params, always([0, 0]), make_instance(destination=1), KEY, trace=2)
     assert (bool(walked.arrived), float(walked.seconds)) == (True, 600)
-    assert walked.clocks.tolist() == [0, 1000]
+    assert walked.clocks.tolist() == [1000, 1000]

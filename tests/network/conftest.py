@@ -32,9 +32,20 @@ def osm():
     return osm_text
 
 
+@pytest.fixture(scope="session")
+def tee():
+    """A T: 1 --100-- 2 --150-- 3, and 4 is 80 above 2."""
+    nodes = {1: (0, 0), 2: (100, 0), 3: (250, 0), 4: (100, 80)}
+    ways = {
+        10: ((1, 2, 3), {"highway": "residential", "name": "High Street", "width": "9"}),
+        11: ((2, 4), {"highway": "path", "width": "1.8 m"}),
+    }
+    return nodes, ways
+
+
 @pytest.fixture
 def build(tmp_path: Path):
-    """The town, and the report, of nodes and ways."""
+    """Import nodes and ways."""
 
     def make(nodes, ways, *, merge=0.0, **options) -> tuple[Town, ImportReport]:
         path = tmp_path / "town.osm"
@@ -46,7 +57,7 @@ def build(tmp_path: Path):
 
 @pytest.fixture(scope="session")
 def listed():
-    """Streets as (number of tail, of head, rounded length), the two numbers in order where both ways are walked."""
+    """List streets as (number of tail, of head, rounded length), the numbers in order where both ways are walked."""
 
     def make(town: Town) -> list[tuple[int, int, int]]:
         rows = []
@@ -56,3 +67,17 @@ def listed():
         return sorted(rows)
 
     return make
+
+
+@pytest.fixture
+def town(build) -> Town:
+    """Four streets, one of them one-way, with bends, a crossing and names that are hard to quote."""
+    foot = {"highway": "footway"}
+    nodes = {1: (0, 0), 2: (100, 0), 3: (250, 10), 4: (100, 80), 5: (40, 90, {"highway": "crossing"}), 6: (250, 90)}
+    ways = {
+        1: ((1, 2, 3), {"highway": "residential", "name": 'Ann\'s <"Way"> & ☕'}),
+        2: ((2, 4), {**foot, "oneway": "yes", "width": "12'"}),
+        3: ((4, 5, 1), foot),
+        4: ((4, 6, 3), {**foot, "name": "Long Walk"}),
+    }
+    return build(nodes, ways)[0]

@@ -1,10 +1,8 @@
-"""Towns in files: the same town comes back, osmnx's graphs are understood, and bad files are named."""
+"""Towns in files: the same town comes back, and bad files are named."""
 
 import json
-import re
 import zipfile
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -13,24 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from sidestep.files import OutputError
 from sidestep.network.formats import load_helsinki, load_town, save_town
-from sidestep.network.town import Town, TownError, course_lengths
-
-# An invented town, written by osmnx 2.1.1: graph_from_xml, simplified, save_graphml.
-OSMNX = Path(__file__).parent / "osmnx.graphml"
-
-FOOT = {"highway": "footway"}
-NODES = {1: (0, 0), 2: (100, 0), 3: (250, 10), 4: (100, 80), 5: (40, 90), 6: (250, 90)}
-WAYS = {
-    1: ((1, 2, 3), {"highway": "residential", "name": 'Ann\'s <"Way"> & ☕'}),
-    2: ((2, 4), {**FOOT, "oneway": "yes", "width": "12'"}),
-    3: ((4, 5, 1), FOOT),
-    4: ((4, 6, 3), {**FOOT, "name": "Long Walk"}),
-}
-
-
-@pytest.fixture
-def town(build) -> Town:
-    return build({**NODES, 5: (*NODES[5], {"highway": "crossing"})}, WAYS)[0]
+from sidestep.network.geodesy import course_lengths
+from sidestep.network.town import Town, TownError
 
 
 def differences(one: Town, other: Town) -> list[str]:
@@ -55,49 +37,6 @@ def test_the_same_town_comes_back_and_the_same_bytes_are_written(town, suffix: s
     assert town.crossings.sum() == 1
 
 
-def test_graphml_has_what_osmnx_casts(town, tmp_path) -> None:
-    save_town(town, tmp_path / "t.graphml")
-    text = (tmp_path / "t.graphml").read_text(encoding="utf-8")
-    keys = set(re.findall(r'attr.name="(\w+)"', text))
-    assert keys >= {
-        "crs", "simplified", "x", "y", "osmid", "length", "name", "highway", "oneway", "width", "geometry", "reversed"
-    }  # fmt: skip
-    assert set(re.findall(r'attr.type="(\w+)"', text)) == {"string"}
-    assert text.count("<edge ") == 2 * town.streets - 1
-
-
-def test_what_osmnx_wrote(listed) -> None:
-    town = load_town(OSMNX)
-    assert listed(town) == sorted([
-        (1, 2, 100), (1, 4, 180), (1, 4, 194), (2, 3, 150), (2, 4, 80), (2, 7, 60),
-        (3, 6, 80),  # one-way
-        (4, 6, 150), (4, 6, 250),
-    ])  # fmt: skip
-    assert town.one_way.sum() == 1
-    by_length = {round(float(length)): street for street, length in enumerate(town.length)}
-    assert town.width[by_length[100]] == 4  # `width` 7 of a residential road is the carriageway's
-    lane = by_length[150]
-    mill = next(i for i in range(town.streets) if "Mill" in town.name[i])
-    assert town.name[mill] == "Mill Path / Mill Lane"
-    assert town.kind[mill] in ("path", "footway")
-    assert town.width[mill] == 2.5
-    assert round(float(town.length[mill])) == round(float(town.length[lane])) == 150
-    assert len(town.course(mill)) == 3
-    assert town.name[by_length[250]] == "Ann's Way"
-    np.testing.assert_allclose(course_lengths(town.points, town.first), town.length, rtol=1e-3)
-    assert town.network().segments == 17
-
-
-def test_osmnx_edges_without_an_edge_back_are_one_way(tmp_path) -> None:
-    text = OSMNX.read_text(encoding="utf-8")
-    edge = re.search(r'    <edge source="2" target="1".*?</edge>\n', text, re.DOTALL)
-    assert edge is not None
-    (tmp_path / "t.graphml").write_text(text.replace(edge.group(), ""), encoding="utf-8")
-    town = load_town(tmp_path / "t.graphml")
-    assert town.streets == 9
-    assert town.one_way.sum() == 2
-
-
 def test_geojson_is_written_and_not_read(town, tmp_path) -> None:
     path = tmp_path / "t.geojson"
     save_town(town, path)
@@ -109,7 +48,7 @@ def test_geojson_is_written_and_not_read(town, tmp_path) -> None:
     assert one["geometry"]["type"] == "LineString"
     np.testing.assert_allclose(one["geometry"]["coordinates"], town.course(0), atol=1e-7)
     assert one["properties"]["kind"] == town.kind[0]
-    with pytest.raises(TownError, match="GeoJSON does not say which streets meet"):
+    with pytest.raises(TownError, match="GeoJSON"):
         load_town(path)
 
 
@@ -122,12 +61,6 @@ def test_other_endings_and_places_that_cannot_be_written(town, tmp_path) -> None
     with pytest.raises(OutputError, match="nowhere"):
         save_town(town, tmp_path / "nowhere" / "t.npz")
     assert list(tmp_path.glob("*.npz")) == []
-
-
-def test_crossings_with_the_same_number_have_no_graphml(town, tmp_path) -> None:
-    with pytest.raises(TownError, match="same number"):
-        save_town(replace(town, ids=np.zeros_like(town.ids)), tmp_path / "t.graphml")
-    assert list(tmp_path.iterdir()) == [tmp_path / "town.osm"]  # nothing half-written
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".graphml"])
@@ -150,30 +83,31 @@ def test_files_that_are_not_there(name: str, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("changes", "field"),
     [
-        (dict(format=np.array(99)), "format 99"),
+        (dict(format=np.array(99)), "format"),
         (dict(format=np.array([1, 1])), "format"),
-        (dict(format=None), "not a Sidestep town"),
-        (dict(tail=None), "damaged"),
-        (dict(tail=np.array([0.5])), "tail is float64"),
-        (dict(tail=np.array([[0]], np.int32)), "2 dimensions"),
-        (dict(place=np.zeros((4, 3))), "3 columns"),
-        (dict(kind=np.array([0, 1, 99, 0], np.int32)), "kind has a number without a text"),
-        (dict(kinds=np.array([1, 2])), "kind is not text"),
-        (dict(names=np.array([{"a": 1}], object)), "allow_pickle"),
-        (dict(attribution=None), "damaged"),
+        (dict(format=None), "format"),
+        (dict(tail=None), None),
+        (dict(tail=np.array([0.5])), "tail"),
+        (dict(tail=np.array([[0]], np.int32)), "tail"),
+        (dict(place=np.zeros((4, 3))), "place"),
+        (dict(kind=np.array([0, 1, 99, 0], np.int32)), "kind"),
+        (dict(kinds=np.array([1, 2])), "kind"),
+        (dict(names=np.array([{"a": 1}], object)), None),
+        (dict(attribution=None), None),
     ],
 )
-def test_arrays_that_make_no_town(town, changes, says: str, tmp_path) -> None:
+def test_arrays_that_make_no_town(town, changes, field: str | None, tmp_path) -> None:
     path = tmp_path / "t.npz"
     save_town(town, path)
     with np.load(path) as found:
         columns = {key: found[key] for key in found.files} | changes
     np.savez(path, **{key: value for key, value in columns.items() if value is not None})
-    with pytest.raises(TownError, match=says) as caught:
+    with pytest.raises(TownError) as caught:
         load_town(path)
-    assert str(path) in str(caught.value)
+    assert str(caught.value).startswith(str(path))
+    assert caught.value.field == field
 
 
 def test_a_zip_that_unpacks_to_too_much(tmp_path) -> None:
@@ -185,49 +119,6 @@ def test_a_zip_that_unpacks_to_too_much(tmp_path) -> None:
     path.write_bytes(raw[:at] + (2**32 - 2).to_bytes(4, "little") + raw[at + 4 :])
     with pytest.raises(TownError, match="unpacks to more"):
         load_town(path)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        ('edgedefault="directed"', 'edgedefault="undirected"', "no direction"),
-        (">epsg:4326<", ">epsg:3067<", "epsg:3067"),
-        (">0.0008993<", ">nan<", "x of .* is nan"),
-        (">0.0008993<", ">200<", "lies outside"),
-        (">0.0008993<", ">east<", "no number"),
-        (">99.99773879316534<", ">long<", "length of .* is long"),
-        (">99.99773879316534<", ">-5<", "length -5.0 m"),
-        (">99.99773879316534<", ">1e99<", "no number that can be used"),
-        (">99.99773879316534<", ">0<", "length 0.0 m"),
-        ("LINESTRING (0 0, 0", "POINT (0 0, 0", "no LINESTRING"),
-        ("LINESTRING (0 0, 0", "LINESTRING (0 0 7, 0", "pairs of numbers"),
-        ("LINESTRING (0 0, 0", "LINESTRING (0 900, 0", "latitude 900"),
-        ('target="1"', 'target="77"', "no number"),  # a node without a place
-        ("encoding='utf-8'", "encoding='utf-T'", "unknown encoding"),
-        ("<graph ", "<graf ", "damaged|mismatched|holds no"),
-        ("http://graphml.graphdrawing.org/xmlns", "http://else.where", "holds no town|not successfully read"),
-    ],
-)
-def test_graphs_that_make_no_town(old: str, new: str, says: str, tmp_path) -> None:
-    text = OSMNX.read_text(encoding="utf-8")
-    assert old in text
-    path = tmp_path / "t.graphml"
-    path.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(TownError, match=says) as caught:
-        load_town(path)
-    assert str(path) in str(caught.value)
-
-
-def test_types_that_are_left_out_are_text(tmp_path) -> None:
-    text = OSMNX.read_text(encoding="utf-8").replace(' attr.type="string"', "")
-    (tmp_path / "t.graphml").write_text(text, encoding="utf-8")
-    assert load_town(tmp_path / "t.graphml").streets == 9
-
-
-def test_nodes_called_by_name_are_numbered(tmp_path) -> None:
-    text = OSMNX.read_text(encoding="utf-8").replace('"7"', '"tower"')
-    (tmp_path / "t.graphml").write_text(text, encoding="utf-8")
-    assert load_town(tmp_path / "t.graphml").streets == 9
 
 
 def test_helsinki() -> None:

@@ -102,11 +102,13 @@ def test_the_same_seed_gives_the_same_map_and_another_another() -> None:
 
 @pytest.mark.parametrize("side", [1, 0, -3])
 def test_grids_without_streets(side: int) -> None:
-    with pytest.raises(NetworkError, match=rf"at least 2 nodes a side, not {side}"):
+    with pytest.raises(NetworkError) as caught:
         grid(side)
+    assert caught.value.field == "side"
 
 
 @pytest.mark.parametrize("lengths", [(0, 100), (-5, 100), (200, 100), (float("nan"), 100), (100, float("nan"))])
 def test_impossible_lengths(lengths: tuple[float, float]) -> None:
-    with pytest.raises(NetworkError, match="positive and in order"):
+    with pytest.raises(NetworkError) as caught:
         grid(lengths=lengths)
+    assert caught.value.field == "lengths"

@@ -2,8 +2,18 @@
 
 import pytest
 
-from sidestep.network import tags as walkable
-from sidestep.network.tags import WIDTHS, WidthError, direction, parse_width, refusal, room, standing, width_table
+from sidestep.network.tags import (
+    FULL_WIDTH,
+    WIDTHS,
+    CrossingKind,
+    WidthError,
+    crossing_kind,
+    direction,
+    exclusion_reason,
+    parse_width,
+    walkable_width,
+    width_table,
+)
 
 
 def tags(text: str) -> dict[str, str]:
@@ -12,7 +22,7 @@ def tags(text: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("kind", sorted(set(WIDTHS) - {"cycleway", "bridleway", "trunk", "trunk_link"}))
 def test_kinds_that_are_walked(kind: str) -> None:
-    assert refusal({"highway": kind}) is None
+    assert exclusion_reason({"highway": kind}) is None
 
 
 @pytest.mark.parametrize(
@@ -35,39 +45,39 @@ def test_kinds_that_are_walked(kind: str) -> None:
     ],
 )
 def test_ways_that_are_walked(said: str) -> None:
-    assert refusal(tags(said)) is None
+    assert exclusion_reason(tags(said)) is None
 
 
 @pytest.mark.parametrize(
     ("said", "why"),
     [
-        ("highway=motorway", "not a kind"),
-        ("highway=construction", "not a kind"),
-        ("highway=proposed", "not a kind"),
-        ("highway=platform", "not a kind"),
-        ("highway=elevator", "not a kind"),
-        ("highway=motorway foot=yes", "not a kind"),
-        ("highway=cycleway", "only where a tag says so"),
+        ("highway=motorway", "not a walkable kind"),
+        ("highway=construction", "not a walkable kind"),
+        ("highway=proposed", "not a walkable kind"),
+        ("highway=platform", "not a walkable kind"),
+        ("highway=elevator", "not a walkable kind"),
+        ("highway=motorway foot=yes", "not a walkable kind"),
+        ("highway=cycleway", "not tagged as walkable"),
         ("highway=cycleway foot=no", "no access"),
-        ("highway=bridleway", "only where a tag says so"),
-        ("highway=trunk", "only where a tag says so"),
-        ("highway=trunk sidewalk=no", "only where a tag says so"),
+        ("highway=bridleway", "not tagged as walkable"),
+        ("highway=trunk", "not tagged as walkable"),
+        ("highway=trunk sidewalk=no", "not tagged as walkable"),
         ("highway=footway access=no", "no access"),
         ("highway=footway access=private", "no access"),
         ("highway=service foot=private", "no access"),
         ("highway=residential foot=no access=yes", "no access"),
-        ("highway=residential foot=use_sidepath", "ways of their own"),
-        ("highway=residential sidewalk=separate", "ways of their own"),
-        ("highway=residential sidewalk=separate foot=yes", "ways of their own"),
-        ("highway=residential sidewalk:both=separate", "ways of their own"),
-        ("highway=primary sidewalk:left=separate sidewalk:right=no", "ways of their own"),
+        ("highway=residential foot=use_sidepath", "mapped separately"),
+        ("highway=residential sidewalk=separate", "mapped separately"),
+        ("highway=residential sidewalk=separate foot=yes", "mapped separately"),
+        ("highway=residential sidewalk:both=separate", "mapped separately"),
+        ("highway=primary sidewalk:left=separate sidewalk:right=no", "mapped separately"),
         ("highway=primary sidewalk=no", "no pavement"),
         ("highway=secondary_link sidewalk=none", "no pavement"),
         ("highway=secondary sidewalk:both=no", "no pavement"),
     ],
 )
 def test_ways_that_are_not_walked(said: str, why: str) -> None:
-    assert why in (refusal(tags(said)) or "")
+    assert why in (exclusion_reason(tags(said)) or "")
 
 
 @pytest.mark.parametrize(
@@ -120,7 +130,7 @@ def test_widths_that_make_none(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "metres", "nonsense"),
+    ("said", "metres", "ignored"),
     [
         ("highway=footway", 2, False),
         ("highway=footway width=3.5", 3.5, False),
@@ -141,44 +151,50 @@ def test_widths_that_make_none(text: str) -> None:
         ("highway=secondary sidewalk:left=separate sidewalk:right=yes", 2.5, False),
     ],
 )
-def test_room(said: str, metres: float, *, nonsense: bool) -> None:
-    assert room(tags(said)) == (pytest.approx(metres), nonsense)
+def test_walkable_widths(said: str, metres: float, *, ignored: bool) -> None:
+    assert walkable_width(tags(said)) == (pytest.approx(metres), ignored)
 
 
 def test_widths_may_be_chosen() -> None:
     table = width_table({"footway": 2.5})
-    assert room({"highway": "footway"}, table) == (2.5, False)
-    assert room({"highway": "path"}, table) == (WIDTHS["path"], False)
+    assert walkable_width({"highway": "footway"}, table) == (2.5, False)
+    assert walkable_width({"highway": "path"}, table) == (WIDTHS["path"], False)
     assert width_table(None) == dict(WIDTHS)
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
-    [({"alley": 2}, "alley"), ({"path": 0}, "path"), ({"path": float("nan")}, "nan"), ({"path": 1e3}, "1000")],
+    ("changes", "field"),
+    [
+        ({"alley": 2}, "widths"),
+        ({"path": 0}, "widths.path"),
+        ({"path": float("nan")}, "widths.path"),
+        ({"steps": 1e3}, "widths.steps"),
+    ],
 )
-def test_widths_that_cannot_be(changes, says) -> None:
-    with pytest.raises(WidthError, match=says):
+def test_invalid_widths(changes, field: str) -> None:
+    with pytest.raises(WidthError) as caught:
         width_table(changes)
+    assert caught.value.field == field
 
 
 @pytest.mark.parametrize(
-    ("said", "what"),
+    ("said", "kind"),
     [
-        ("highway=traffic_signals", 2),
-        ("highway=crossing crossing=traffic_signals", 2),
-        ("crossing=uncontrolled crossing:signals=yes", 2),
-        ("highway=crossing", 1),
-        ("crossing=zebra", 1),
-        ("highway=crossing crossing=unmarked", 1),
-        ("crossing=no", 0),
-        ("highway=bus_stop", 0),
-        ("", 0),
+        ("highway=traffic_signals", CrossingKind.SIGNALS),
+        ("highway=crossing crossing=traffic_signals", CrossingKind.SIGNALS),
+        ("crossing=uncontrolled crossing:signals=yes", CrossingKind.SIGNALS),
+        ("highway=crossing", CrossingKind.UNSIGNALISED),
+        ("crossing=zebra", CrossingKind.UNSIGNALISED),
+        ("highway=crossing crossing=unmarked", CrossingKind.UNSIGNALISED),
+        ("crossing=no", CrossingKind.NONE),
+        ("highway=bus_stop", CrossingKind.NONE),
+        ("", CrossingKind.NONE),
     ],
 )
-def test_crossings_of_traffic(said: str, what: int) -> None:
-    assert standing(tags(said)) == what
+def test_crossings_of_traffic(said: str, kind: CrossingKind) -> None:
+    assert crossing_kind(tags(said)) is kind
 
 
 def test_every_kind_has_a_sensible_width() -> None:
-    assert set(WIDTHS) >= walkable.WHOLE
+    assert set(WIDTHS) >= FULL_WIDTH
     assert all(1 <= width <= 10 for width in WIDTHS.values())

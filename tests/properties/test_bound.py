@@ -15,7 +15,7 @@ from sidestep.planners.time_dependent import Clairvoyant, Expected
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.model import LAWS
+from sidestep.walking.speed_laws import LAWS
 
 SIDE, WALKS, FUTURES = 4, 8, 3
 TOLERANCE = 1e-4

@@ -13,8 +13,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sidestep.network.formats import load_town, save_town
-from sidestep.network.osm import OsmError, import_osm
-from sidestep.network.town import Town, TownError, course_lengths, metres_between
+from sidestep.network.geodesy import course_lengths, metres_between
+from sidestep.network.osm import import_osm
+from sidestep.network.osm_file import OsmError
+from sidestep.network.town import Town, TownError
 
 SUFFIXES = [".osm", ".osm.gz", ".osm.pbf", ".npz", ".graphml"]
 STEP = 0.00003  # degrees, about 3 m: towns in which nearly everything may merge
@@ -101,7 +103,7 @@ def valid(folder) -> dict[str, Path]:
     return {suffix: folder / f"valid{suffix}" for suffix in SUFFIXES}
 
 
-def sound_or_refused(path: Path, content: bytes) -> None:
+def sound_or_rejected(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     if ".osm" in path.name:
         try:
@@ -146,7 +148,7 @@ def test_small_towns(folder, nodes, ways, merge: float) -> None:
 @settings(max_examples=40)
 @given(content=st.binary(max_size=200))
 def test_random_bytes(folder, suffix: str, content: bytes) -> None:
-    sound_or_refused(folder / f"random{suffix}", content)
+    sound_or_rejected(folder / f"random{suffix}", content)
 
 
 # Where, as a part of the file, and what stands there instead.
@@ -165,11 +167,11 @@ def changed(content: bytes, changes: list[tuple[int, int]]) -> bytes:
 @given(changes=CHANGES, cut=st.none() | st.integers(0, 9999))
 def test_truncated_and_mutated(folder, valid, suffix: str, changes, cut: int | None) -> None:
     content = changed(valid[suffix].read_bytes(), changes)
-    sound_or_refused(folder / f"mutated{suffix}", content if cut is None else content[: cut * len(content) // 10000])
+    sound_or_rejected(folder / f"mutated{suffix}", content if cut is None else content[: cut * len(content) // 10000])
 
 
 @settings(max_examples=60)
 @given(changes=CHANGES)
 def test_mutated_before_packing(folder, valid, changes) -> None:
     """What the checksum of a .gz file would catch, had it not been made of the damaged file."""
-    sound_or_refused(folder / "packed.osm.gz", gzip.compress(changed(valid[".osm"].read_bytes(), changes), 1))
+    sound_or_rejected(folder / "packed.osm.gz", gzip.compress(changed(valid[".osm"].read_bytes(), changes), 1))

@@ -5,10 +5,10 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-
-from sidestep.errors import SidestepError
 from sidestep.network.snap import Snapper
 from sidestep.network.splice import splice
+
+from sidestep.errors import SidestepError
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.locate import FUTURES, SPARE_NODES, SPARE_SEGMENTS, LocatedRequest, locator, padded
 from sidestep.routing.request import RouteRequest, read_departure

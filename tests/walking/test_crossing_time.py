@@ -11,12 +11,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sidestep.crowds.base import FlowField
-from sidestep.environment.types import walking_speeds
 from sidestep.network.graph import road_network
-from sidestep.scenarios.model import LAWS
-from sidestep.walking.crossing_time import CROSSING_RULES, CrossingRule, crossing_time, crossing_times_at, leaving_clock
-from sidestep.walking.speed_field import speed_field
-from sidestep.walking.speed_laws import Aoki, SpeedLaw, Weidmann
+from sidestep.walking.crossing_time import (
+    CROSSING_RULES,
+    CrossingRule,
+    crossing_time,
+    crossing_times,
+    exposure,
+    leaving_clock,
+)
+from sidestep.walking.speed_field import dense_speeds, speed_field, walking_speeds
+from sidestep.walking.speed_laws import LAWS, Aoki, SpeedLaw, Weidmann
 
 SLOTS = 6
 EPS = float(np.finfo(np.float32).eps)
@@ -86,8 +91,8 @@ def test_the_denser_the_slower(law: SpeedLaw, densities: np.ndarray) -> None:
 @pytest.mark.parametrize("rule", CROSSING_RULES)
 def test_crossing_time_eq_4(persons: float, metres: float, seconds: float, rule: CrossingRule) -> None:
     network = road_network(np.zeros((2, 2)), tail=[0], head=[1], length=[metres])
-    field = walking_speeds(network, FlowField(jnp.full((3, 1), persons, float)), Aoki(capped=False))
-    assert float(crossing_time(field, jnp.int32(0), network.length[0], jnp.float32(0), rule)) == pytest.approx(
+    field = dense_speeds(network, FlowField(jnp.full((3, 1), persons, float)), Aoki(capped=False))
+    assert float(crossing_time(field.segment(jnp.int32(0)), network.length[0], jnp.float32(0), rule)) == pytest.approx(
         seconds, rel=1e-5
     )
 
@@ -95,7 +100,7 @@ def test_crossing_time_eq_4(persons: float, metres: float, seconds: float, rule:
 def test_a_wider_street_is_less_dense() -> None:
     # p / (d w) = 640 / (10 * 2) = 32: 1.34 / 16 m/s
     network = road_network(np.zeros((2, 2)), tail=[0], head=[1], length=[10.0], width=2.0)
-    field = walking_speeds(network, FlowField(jnp.full((1, 1), 640.0)), Aoki())
+    field = dense_speeds(network, FlowField(jnp.full((1, 1), 640.0)), Aoki())
     assert field.speed.tolist() == [[pytest.approx(0.08375)]]
 
 
@@ -120,7 +125,7 @@ HAND = speed_field(jnp.array([[1.0, 2.0, 0.5], [4.0, 4.0, 4.0]]), 10.0)
 
 
 def cross(clock: float, metres: float, rule: CrossingRule = "integrated", segment: int = 0) -> float:
-    return float(crossing_time(HAND, jnp.int32(segment), jnp.float32(metres), jnp.float32(clock), rule))
+    return float(crossing_time(HAND.segment(jnp.int32(segment)), jnp.float32(metres), jnp.float32(clock), rule))
 
 
 @pytest.mark.parametrize(
@@ -165,7 +170,7 @@ def test_each_segment_has_its_own_speeds() -> None:
 
 
 def test_integrated_is_the_default() -> None:
-    assert float(crossing_time(HAND, jnp.int32(0), jnp.float32(30), jnp.float32(5))) == pytest.approx(25)
+    assert float(crossing_time(HAND.segment(jnp.int32(0)), jnp.float32(30), jnp.float32(5))) == pytest.approx(25)
 
 
 def test_under_the_entry_rule_one_may_leave_earlier_by_entering_later() -> None:
@@ -173,13 +178,20 @@ def test_under_the_entry_rule_one_may_leave_earlier_by_entering_later() -> None:
     clearing = speed_field(jnp.array([[0.1, 10.0]]), 10.0)
 
     def leave(clock: float, rule: CrossingRule) -> float:
-        return clock + float(crossing_time(clearing, jnp.int32(0), jnp.float32(10), jnp.float32(clock), rule))
+        return clock + float(crossing_time(clearing.segment(jnp.int32(0)), jnp.float32(10), jnp.float32(clock), rule))
 
     assert leave(9, "entry") == pytest.approx(109)
     assert leave(10, "entry") == pytest.approx(11)
     # Walking on as the jam clears: .1 m by 10 s, 9.9 m at 10 m/s in .99 s.
     assert leave(9, "integrated") == pytest.approx(10.99)
     assert leave(10, "integrated") == pytest.approx(11)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "met"), [(0, 100, 200), (90, 110, 30), (150, 450, 300), (50, 50, 0), (0, 1000, 1100)]
+)
+def test_exposure_is_the_integral_of_density(begin: float, end: float, met: float) -> None:
+    assert float(exposure(jnp.array([2.0, 1.0]), 100.0, jnp.float32(begin), jnp.float32(end))) == pytest.approx(met)
 
 
 # --- Whatever the speeds --------------------------------------------------------------------------------------------
@@ -203,7 +215,7 @@ def step_through(speed: np.ndarray, slot_seconds: float, metres: float, clock: f
 def seconds_to_cross(
     speed: jax.Array, slot_seconds: float, metres: jax.Array, clock: jax.Array, rule: CrossingRule = "integrated"
 ) -> jax.Array:
-    return crossing_time(speed_field(speed[None], slot_seconds), jnp.int32(0), metres, clock, rule)
+    return crossing_time(speed_field(speed, slot_seconds), metres, clock, rule)
 
 
 def in_double(
@@ -283,8 +295,8 @@ def test_the_clock_on_leaving_is_that_on_entering_and_the_time_to_cross(
 @partial(jax.jit, static_argnames="rule")
 def both_ways(speed: jax.Array, metres: jax.Array, clock: jax.Array, rule: CrossingRule):
     field = speed_field(speed, 300.0)
-    each = jax.vmap(lambda *one: crossing_time(field, *one, rule))(jnp.arange(len(metres)), metres, clock)
-    return each, crossing_times_at(field.speed.T, field.covered.T, 300.0, metres, clock, rule)
+    each = jax.vmap(partial(crossing_time, rule=rule))(field, metres, clock)
+    return each, crossing_times(field.speed.T, field.covered.T, 300.0, metres, clock, rule)
 
 
 @pytest.mark.parametrize("rule", CROSSING_RULES)

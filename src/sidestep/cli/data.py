@@ -86,16 +86,16 @@ def import_osm(
     /,
     *,
     out: Annotated[
-        Path, Parameter(help="File for the streets; its ending, .npz, .graphml or .geojson, is the format.")
+        Path, Parameter(help="File for the streets; its ending gives the format: .npz, .graphml or .geojson.")
     ],
-    merge: Annotated[float, Parameter(help="Metres: crossings nearer than this along a street become one.")] = 8.0,
+    merge: Annotated[float, Parameter(help="Metres: crossings joined by a shorter street become one.")] = 8.0,
     width: Annotated[
         list[str] | None,
-        Parameter(negative=(), help="KIND=METRES that walkers have where no tag says it; may be given several times."),
+        Parameter(negative=(), help="KIND=METRES available to walkers where no tag gives a width; repeatable."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Turn an OpenStreetMap extract into streets for walkers, and say what was kept and dropped."""
+    """Turn an OpenStreetMap extract into streets for walkers, and report what was kept, dropped and repaired."""
     from sidestep.files import output_folder
     from sidestep.network.formats import check_suffix, save_town
     from sidestep.network.osm import import_osm as read
@@ -140,7 +140,9 @@ def _width(option: str) -> tuple[str, float]:
     try:
         return kind.strip(), float(metres)
     except ValueError as error:
-        raise SidestepError(f"--width must be KIND=METRES, such as footway=2.5, not {option!r}") from error
+        raise SidestepError(
+            f"--width must be KIND=METRES, such as footway=2.5, not {option!r}", field="width"
+        ) from error
 
 
 def show_counts(summary: "CountSummary", seed: int) -> None:
@@ -176,8 +178,8 @@ def _listed(values: list[float]) -> str:
 
 
 def show_import(report: "ImportReport") -> None:
-    """Print what an import of streets kept, what it dropped, and why."""
-    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways are walked")
+    """Print what an import of streets kept, dropped and repaired."""
+    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways are walkable")
     table = new_table("", ">crossings", ">streets", ">km", title="")
     for what, nodes, streets, kilometres in (
         ("before merging", report.nodes_before, report.streets_before, report.kilometres_before),
@@ -185,12 +187,13 @@ def show_import(report: "ImportReport") -> None:
     ):
         table.add_row(what, f"{nodes:,}", f"{streets:,}", f"{kilometres:,.1f}")
     print_table(table)
-    table = new_table("dropped or repaired", ">number", title="")
-    for what, number in (*report.dropped.items(), *report.repaired.items()):
-        table.add_row(what, f"{number:,}")
-    if table.row_count:
-        print_table(table)
-    print(f"At most {report.most_exits} streets leave one crossing.")
+    for title, numbers in (("dropped", report.dropped), ("repaired", report.repaired)):
+        table = new_table(title, ">number", title="")
+        for what, number in numbers.items():
+            table.add_row(what, f"{number:,}")
+        if numbers:
+            print_table(table)
+    print(f"Streets at the busiest crossing: {report.most_exits}")
 
 
 def show_table(report: "TableReport") -> None:

@@ -13,8 +13,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int, Key
 
+from sidestep.crowds.base import FlowField, FlowModel
 from sidestep.errors import SidestepError
 
 _SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
@@ -176,6 +177,40 @@ def change_step(model: Arima, step: float) -> Arima:
     return Arima(
         ar=jnp.array([phi**r]), ma=model.ma, mean=model.mean, sigma=jnp.array(sigma, dtype=float), d=0, step=float(step)
     )
+
+
+# --- Crowds on a network --------------------------------------------------------------------------------------------
+
+
+class ArimaFlow(FlowModel):
+    """The paper's crowds: every segment starts at its own volume and follows one fitted ARIMA model (section V-A).
+
+    The power law gives zero time to a segment without people, so volumes are held at ``floor`` or more.
+    """
+
+    initial: Float[Array, " segment"]  # persons at clock 0
+    model: Arima  # its step is the slot
+    floor: float = eqx.field(static=True, default=1.0)
+
+    def expected(self, _hours: Float[Array, " hour"], slots: int) -> FlowField:
+        return self._field(forecast(self.model, self.initial[None, None], slots - 1))
+
+    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
+        shape = (hours.shape[0], self.initial.shape[0])
+        innovations = jax.random.normal(key, (slots - 1, *shape))
+        return self._field(simulate(self.model, jnp.broadcast_to(self.initial, (1, *shape)), innovations))
+
+    def ahead(
+        self, now: Float[Array, " segment"], _hour: Float[Array, ""], _slot: Int[Array, ""], slots: int
+    ) -> Float[Array, "slots segment"]:
+        """The model's forecast; the counts of now are all that an AR(1) needs to know."""
+        volume = jnp.concatenate([now[None], forecast(self.model, now[None], slots - 1)])
+        return jnp.maximum(volume, self.floor)
+
+    def _field(self, later: Float[Array, "later future segment"]) -> FlowField:
+        now = jnp.broadcast_to(self.initial, later.shape[1:])[None]
+        volume = jnp.moveaxis(jnp.concatenate([now, later]), 0, -2)
+        return FlowField(jnp.maximum(volume, self.floor), self.model.step)
 
 
 # --- Fitting --------------------------------------------------------------------------------------------------------

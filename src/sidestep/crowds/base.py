@@ -1,14 +1,12 @@
 """Crowds on a whole network: how many people are on each segment in each slot."""
 
+from abc import abstractmethod
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Literal
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.crowds.arima import Arima, forecast, simulate
 from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.network.graph import RoadNetwork
 
@@ -16,14 +14,18 @@ SLOT_SECONDS = 300.0
 
 
 class FlowField(eqx.Module):
-    """Volumes per slot and segment; leading axes, if any, count alternative crowds."""
+    """Volumes in each slot on each segment; leading axes, if any, count futures."""
 
-    volume: Float[Array, "*future slot segment"]  # persons, positive
+    interpolated: ClassVar[Literal[False]] = False
+    """Whether densities follow from those at a few sensors."""
+    volume: Float[Array, "*future slot segment"]
+    """Persons, positive."""
     slot_seconds: float = eqx.field(static=True, default=SLOT_SECONDS)
+    """Length of a slot."""
 
     @property
     def counted(self) -> Float[Array, "*future slot segment"]:
-        """What is known of a slot when everything is counted."""
+        """What counters on all segments would count: volumes in persons."""
         return self.volume
 
     def flow_matrix(self, network: RoadNetwork, slot: int) -> Float[Array, "node node"]:
@@ -31,83 +33,91 @@ class FlowField(eqx.Module):
         return network.matrix(self.volume[slot])
 
     def density(self, network: RoadNetwork) -> Float[Array, "*future slot segment"]:
-        """Persons per m²."""
+        """Densities in persons/m² on all segments."""
         return self.volume / (network.length * network.width)
 
     def with_counted(self, counted: Float[Array, "*future slot segment"]) -> "FlowField":
-        """The same with other volumes."""
+        """A field with other volumes."""
         return replace(self, volume=counted)
 
 
 class SensedField(eqx.Module):
-    """Densities at sensors per slot; leading axes, if any, count alternative crowds."""
+    """Densities at sensors in each slot; leading axes, if any, count futures."""
 
-    sensed: Float[Array, "*future slot sensor"]  # persons/m²
+    interpolated: ClassVar[Literal[True]] = True
+    """Whether densities follow from those at a few sensors."""
+    sensed: Float[Array, "*future slot sensor"]
+    """Persons/m²."""
     weights: InterpolationWeights
+    """How densities on the segments follow from those at the sensors."""
     slot_seconds: float = eqx.field(static=True)
+    """Length of a slot."""
 
     @property
     def counted(self) -> Float[Array, "*future slot sensor"]:
-        """What is known of a slot when everything is counted."""
+        """What all counters count: densities at the sensors in persons/m²."""
         return self.sensed
 
     def density(self, _network: RoadNetwork) -> Float[Array, "*future slot segment"]:
-        """Persons per m² on every segment."""
+        """Densities in persons/m² on all segments."""
         return self.weights.everywhere(self.sensed)
 
+    def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+        """Densities in persons/m² on some segments in one slot of one future."""
+        near = self.weights.of(segment)
+        return (near.weight * self.sensed[future, slot, near.sensor]).sum(axis=-1)
+
+    def densities(self, future: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
+        """Densities in persons/m² on one segment in all slots of one future."""
+        near = self.weights.of(segment)
+        return near.weight @ self.sensed[future, :, near.sensor]
+
     def with_counted(self, counted: Float[Array, "*future slot sensor"]) -> "SensedField":
-        """The same with other densities at the sensors."""
+        """A field with other densities at the sensors."""
         return replace(self, sensed=counted)
 
 
 Field = FlowField | SensedField
+"""Type checkers tell the two apart by ``interpolated``; both have ``counted``, ``density`` and ``with_counted``."""
 
 
-@runtime_checkable
-class FlowModel(Protocol):
-    """A source of crowds for one network."""
+class FlowModel(eqx.Module):
+    """A source of crowds for one network.
 
-    def expected(self, slots: int) -> Field:
-        """The forecast made at clock 0: what somebody who knows the usual crowds expects."""
-        ...
-
-    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> Field:
-        """Possible futures, with a leading axis of ``futures``."""
-        ...
-
-    def ahead(
-        self, now: Float[Array, " counter"], slot: Int[Array, ""], slots: int, future: Int[Array, ""] | int = 0, /
-    ) -> Float[Array, "slots counter"]:
-        """The forecast of slot number ``slot`` and those after it, made when its counts ``now`` are known."""
-        ...
-
-
-class ArimaFlow(eqx.Module):
-    """The paper's crowds: every segment starts at its own volume and follows one fitted ARIMA model (section V-A).
-
-    The power law gives zero time to a segment without people, so volumes are held at ``floor`` or more.
+    ``hours`` are hours of the week at clock 0, one for each future; 0 is Monday 0:00. Models that are not ``timed``
+    ignore them.
     """
 
-    initial: Float[Array, " segment"]  # persons at clock 0
-    model: Arima  # its step is the slot
-    floor: float = eqx.field(static=True, default=1.0)
+    @property
+    def timed(self) -> bool:
+        """Whether crowds depend on the hour of the week."""
+        return False
 
-    def expected(self, slots: int) -> FlowField:
-        return self._field(forecast(self.model, self.initial[None], slots - 1))
+    def covers(self, hour: float) -> bool:  # noqa: ARG002 - for models that are timed
+        """Whether crowds are known at an hour of the week."""
+        return True
 
-    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> FlowField:
-        innovations = jax.random.normal(key, (slots - 1, futures, self.initial.shape[0]))
-        history = jnp.broadcast_to(self.initial, (1, futures, self.initial.shape[0]))
-        return self._field(simulate(self.model, history, innovations))
+    @abstractmethod
+    def expected(self, hours: Float[Array, " hour"], slots: int) -> Field:
+        """Mean crowds, with a leading axis: one field for each hour, or a single one where the model is not timed."""
 
+    @abstractmethod
+    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> Field:
+        """Possible futures, one for each hour."""
+
+    @abstractmethod
     def ahead(
-        self, now: Float[Array, " segment"], _slot: Int[Array, ""], slots: int, _crowd: Int[Array, ""] | int = 0
-    ) -> Float[Array, "slots segment"]:
-        """The model's forecast; the counts of now are all that an AR(1) needs to know."""
-        volume = jnp.concatenate([now[None], forecast(self.model, now[None], slots - 1)])
-        return jnp.maximum(volume, self.floor)
+        self, now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
+    ) -> Float[Array, "slots counter"]:
+        """Mean counts in slot number ``slot`` and those after it, given the counts ``now`` in this slot."""
 
-    def _field(self, later: Float[Array, "later *future segment"]) -> FlowField:
-        now = jnp.broadcast_to(self.initial, later.shape[1:])[None]
-        volume = jnp.moveaxis(jnp.concatenate([now, later]), 0, -2)
-        return FlowField(jnp.maximum(volume, self.floor), self.model.step)
+    def on_pieces(
+        self,
+        parent: Int[Array, " piece"],  # noqa: ARG002 - for models of streets that are split
+        fraction: Float[Array, " piece"],  # noqa: ARG002
+    ) -> "FlowModel":
+        """Crowds as dense on pieces of the segments, each a ``fraction`` of the length of its ``parent``.
+
+        Streets of grids are never split: their models return themselves.
+        """
+        return self

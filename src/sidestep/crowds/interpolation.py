@@ -18,8 +18,12 @@ FADED = 6.0  # reaches beyond which a sensor is not heard: exp(-6) is a quarter 
 class InterpolationWeights(eqx.Module):
     """The sensors that each segment listens to, and how much; unused places have weight 0."""
 
-    sensor: Int[Array, "segment near"]
-    weight: Float[Array, "segment near"]  # they sum up to 1 at most
+    sensor: Int[Array, "*segment near"]
+    weight: Float[Array, "*segment near"]  # they sum up to 1 at most
+
+    def of(self, segment: Int[Array, "*n"]) -> "InterpolationWeights":
+        """Weights of some segments only."""
+        return InterpolationWeights(self.sensor[segment], self.weight[segment])
 
     def everywhere(self, sensed: Float[Array, "*lead sensor"]) -> Float[Array, "*lead segment"]:
         """What is sensed, spread to all segments."""

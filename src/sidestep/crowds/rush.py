@@ -5,58 +5,58 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from sidestep.crowds.base import FlowField
+from sidestep.crowds.base import FlowField, FlowModel
 
 
-class RushFlow(eqx.Module):
+class RushFlow(FlowModel):
     """Volume = base · exp(amplitude · sin(2πt/period + phase)) · exp(noise).
 
-    The noise of a segment is a stationary AR(1) with coefficient ``memory`` from slot to slot and standard deviation
-    ``deviation``, its innovations independent of all other segments'.
+    The noise of a segment is a stationary AR(1) with coefficient ``phi`` from slot to slot and standard deviation
+    ``sigma``, its innovations independent of all other segments'.
     """
 
     base: Float[Array, " segment"]  # persons
     amplitude: Float[Array, " segment"]
     phase: Float[Array, " segment"]  # radians
     period: float = eqx.field(static=True)  # s
-    memory: float = eqx.field(static=True)
-    deviation: float = eqx.field(static=True)
+    phi: float = eqx.field(static=True)
+    sigma: float = eqx.field(static=True)
     slot_seconds: float = eqx.field(static=True)
     floor: float = eqx.field(static=True, default=1.0)  # persons; the power law gives no time to empty segments
 
-    def expected(self, slots: int) -> FlowField:
+    def expected(self, _hours: Float[Array, " hour"], slots: int) -> FlowField:
         """Mean volumes."""
-        return self._field(self.usual(jnp.arange(slots)) * jnp.exp(self.deviation**2 / 2))
+        return self._field((self.median(jnp.arange(slots)) * jnp.exp(self.sigma**2 / 2))[None])
 
-    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
         """Possible futures; the noise is stationary from the first slot on."""
-        return self._field(self.usual(jnp.arange(slots)) * jnp.exp(self.noise(key, futures, slots)))
+        return self._field(self.median(jnp.arange(slots)) * jnp.exp(self.noise(key, hours.shape[0], slots)))
 
     def ahead(
-        self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int, _crowd: Int[Array, ""] | int = 0
+        self, now: Float[Array, " segment"], _hour: Float[Array, ""], slot: Int[Array, ""], slots: int
     ) -> Float[Array, "slots segment"]:
         """Mean volumes of this and the next slots, given those of this one."""
         after = slot + jnp.arange(slots)
-        log_density_ratio = jnp.log(now) - jnp.log(self.usual(slot[None])[0])
-        fading = self.memory ** jnp.arange(slots, dtype=float)[:, None]
-        spread = self.deviation**2 * (1 - fading**2) / 2
-        return jnp.maximum(self.usual(after) * jnp.exp(fading * log_density_ratio + spread), self.floor)
+        log_density_ratio = jnp.log(now) - jnp.log(self.median(slot[None])[0])
+        fading = self.phi ** jnp.arange(slots, dtype=float)[:, None]
+        spread = self.sigma**2 * (1 - fading**2) / 2
+        return jnp.maximum(self.median(after) * jnp.exp(fading * log_density_ratio + spread), self.floor)
 
-    def usual(self, slot: Int[Array, " slots"]) -> Float[Array, "slots segment"]:
+    def median(self, slot: Int[Array, " slots"]) -> Float[Array, "slots segment"]:
         """Median volumes."""
         turn = 2 * jnp.pi * slot[:, None] * self.slot_seconds / self.period
         return self.base * jnp.exp(self.amplitude * jnp.sin(turn + self.phase))
 
     def noise(self, key: Key[Array, ""], futures: int, slots: int) -> Float[Array, "future slot segment"]:
         """Logarithms of the noise."""
-        return lasting_noise(key, (futures, slots, self.base.shape[0]), self.memory, self.deviation)
+        return lasting_noise(key, (futures, slots, self.base.shape[0]), self.phi, self.sigma)
 
     def _field(self, volume: Float[Array, "*future slot segment"]) -> FlowField:
         return FlowField(jnp.maximum(volume, self.floor), self.slot_seconds)
 
 
 def lasting_noise(
-    key: Key[Array, ""], shape: tuple[int, int, int], memory: float, deviation: float
+    key: Key[Array, ""], shape: tuple[int, int, int], phi: float, sigma: float
 ) -> Float[Array, "future slot segment"]:
     """A stationary AR(1) over the slots of every crowd and segment, independent of all others.
 
@@ -64,24 +64,24 @@ def lasting_noise(
     ----------
     shape
         How many crowds, slots and segments.
-    memory
+    phi
         Coefficient from slot to slot, 0 to below 1.
-    deviation
+    sigma
         Standard deviation, in every slot.
     """
     futures, slots, segments = shape
-    innovations = jax.random.normal(key, (slots, futures, segments)) * deviation
-    fresh = jnp.sqrt(1 - memory**2)
+    innovations = jax.random.normal(key, (slots, futures, segments)) * sigma
+    fresh = jnp.sqrt(1 - phi**2)
 
     def later(noise: Array, innovation: Array) -> tuple[Array, Array]:
-        noise = memory * noise + fresh * innovation
+        noise = phi * noise + fresh * innovation
         return noise, noise
 
     _, rest = jax.lax.scan(later, innovations[0], innovations[1:])
     return jnp.moveaxis(jnp.concatenate([innovations[:1], rest]), 0, 1)
 
 
-class ShiftingFlow(eqx.Module):
+class ShiftingFlow(FlowModel):
     """Rush hours whose crowded nodes are elsewhere every day: nobody can know beforehand where."""
 
     ordinary: RushFlow
@@ -91,7 +91,7 @@ class ShiftingFlow(eqx.Module):
     mean: float = eqx.field(static=True)  # of the crowded base, persons
     spread: float = eqx.field(static=True)  # its standard deviation
 
-    def expected(self, slots: int) -> FlowField:
+    def expected(self, hours: Float[Array, " hour"], slots: int) -> FlowField:
         """Mean volumes over all places where the crowded nodes may be."""
         # Nodes are drawn without replacement: where one end of a segment is not crowded, the other is likelier.
         candidates = jnp.sum(~self.spared)
@@ -99,27 +99,28 @@ class ShiftingFlow(eqx.Module):
         missed = jnp.where(open_ends >= 1, 1 - self.crowded_nodes / candidates, 1.0)
         missed *= jnp.where(open_ends == 2, 1 - self.crowded_nodes / jnp.maximum(candidates - 1, 1), 1.0)
         crowded = 1 - missed
-        return self._based(self.ordinary.base * (1 - crowded) + self.mean * crowded).expected(slots)
+        return self._based(self.ordinary.base * (1 - crowded) + self.mean * crowded).expected(hours, slots)
 
-    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
         """Possible futures, each with crowded nodes of its own."""
+        futures = hours.shape[0]
         for_nodes, for_volumes, for_noise = jax.random.split(key, 3)
         lot = jnp.where(self.spared, jnp.inf, jax.random.uniform(for_nodes, (futures, self.spared.shape[0])))
         crowded = jnp.argsort(jnp.argsort(lot, axis=1), axis=1) < self.crowded_nodes
         volume = self.mean + self.spread * jax.random.normal(for_volumes, (futures, self.ends.shape[0]))
         base = jnp.where(crowded[:, self.ends].any(axis=-1), jnp.maximum(volume, 1.0), self.ordinary.base)
-        usual = jax.vmap(lambda one: self._based(one).usual(jnp.arange(slots)))(base)
-        field = usual * jnp.exp(self.ordinary.noise(for_noise, futures, slots))
+        median = jax.vmap(lambda one: self._based(one).median(jnp.arange(slots)))(base)
+        field = median * jnp.exp(self.ordinary.noise(for_noise, futures, slots))
         return FlowField(jnp.maximum(field, self.ordinary.floor), self.ordinary.slot_seconds)
 
     def ahead(
-        self, now: Float[Array, " segment"], slot: Int[Array, ""], slots: int, _crowd: Int[Array, ""] | int = 0
+        self, now: Float[Array, " segment"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
     ) -> Float[Array, "slots segment"]:
         """Mean volumes from this slot on; a segment counts as crowded where its volume is nearer to that."""
-        wave = self.ordinary.usual(slot[None])[0] / self.ordinary.base
+        wave = self.ordinary.median(slot[None])[0] / self.ordinary.base
         level = jnp.log(now / wave)
         nearer = jnp.abs(level - jnp.log(self.mean)) < jnp.abs(level - jnp.log(self.ordinary.base))
-        return self._based(jnp.where(nearer, self.mean, self.ordinary.base)).ahead(now, slot, slots)
+        return self._based(jnp.where(nearer, self.mean, self.ordinary.base)).ahead(now, hour, slot, slots)
 
     def _based(self, base: Float[Array, " segment"]) -> RushFlow:
         return eqx.tree_at(lambda flow: flow.base, self.ordinary, base)

@@ -8,6 +8,7 @@ between, logarithms are linear from one middle of an hour to the next.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -16,9 +17,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.arima import SeriesError
-from sidestep.crowds.base import SensedField
+from sidestep.crowds.base import FlowModel, SensedField
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.interpolation import InterpolationWeights
+from sidestep.crowds.live import CurrentCounts
 from sidestep.crowds.profile import HOURS_OF_WEEK, hour_of_week
 
 HOUR = 3600.0
@@ -32,11 +34,11 @@ FEWEST_HOURS = 4 * HOURS_OF_WEEK  # counted hours to fit to
 class SensorModel(eqx.Module):
     """What sensors usually count, and how that varies."""
 
-    usual: Float[Array, "168 sensor"]  # mean of log(1 + persons/h) in each hour of the week, from Monday 0:00 on
+    expected: Float[Array, "168 sensor"]  # mean of log(1 + persons/h) in each hour of the week, from Monday 0:00 on
     weekly: Float[Array, " sensor"]  # standard deviation of whole weeks from the usual one
-    deviation: Float[Array, "24 sensor"]  # of the residual beyond that, in each hour of the day
-    memory: Float[Array, " sensor"]  # of this residual in units of its deviation, from hour to hour
-    together: Float[Array, "sensor sensor"]  # lower Cholesky factor of the innovations' correlations
+    sigma: Float[Array, "24 sensor"]  # of the residual beyond that, in each hour of the day
+    phi: Float[Array, " sensor"]  # of this residual in units of its deviation, from hour to hour
+    cholesky: Float[Array, "sensor sensor"]  # lower Cholesky factor of the innovations' correlations
 
 
 def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> SensorModel:
@@ -126,7 +128,7 @@ def recorded_weeks(
     """
     hours = hour_of_week(table.times)
     logs = np.log1p(np.stack([table.series(name) for name in sensors], axis=1))
-    residual = logs - np.asarray(model.usual)[hours]
+    residual = logs - np.asarray(model.expected)[hours]
     first = int(np.argmax(hours == 0))
     weeks = (len(hours) - first) // HOURS_OF_WEEK
     if weeks < 2:
@@ -141,67 +143,65 @@ def recorded_weeks(
     return residual.reshape(weeks, HOURS_OF_WEEK, -1).astype(np.float32)
 
 
-class Known(eqx.Module):
-    """What the sensors counted last before people set out, or are counting as they do."""
-
-    residual: Float[Array, " sensor"]  # log(1 + count) less the usual level of that hour; NaN where nothing was counted
-    since: Float[Array, ""]  # h from the middle of that hour to clock 0, from -1/2 to 3/2
-
-
-class SensorFlow(eqx.Module):
+class SensorFlow(FlowModel):
     """Crowds as sensors would count them.
 
-    Crowd number c begins at hour ``start[c modulo its length]`` of the week. With ``known``, simulated crowds go on
-    from what was counted; sensors that are not known begin anywhere. With ``record``, weeks are not simulated: each
-    crowd is one of the recorded ones. ``uneven`` is how much, beyond that, every future's demand differs from
-    place to place: by a lognormal factor of mean 1 at each sensor, the standard deviation of whose logarithm it is.
+    With ``current``, simulated crowds go on from current counts; sensors without one begin anywhere. With ``record``,
+    weeks are not simulated: each future is one of the recorded ones. ``uneven`` is how much, beyond that, every
+    future's demand differs from place to place: by a lognormal factor of mean 1 at each sensor, the standard deviation
+    of whose logarithm it is.
     """
 
     model: SensorModel
     weights: InterpolationWeights
     per_count: Float[Array, " sensor"]  # persons/m² for each person an hour
-    start: Float[Array, " world"]  # hour of the week at clock 0, 0 is Monday 0:00
     slot_seconds: float = eqx.field(static=True)
     record: Float[Array, "week 168 sensor"] | None = None
     uneven: float = eqx.field(static=True, default=0.0)
-    known: Known | None = None
+    current: CurrentCounts | None = None
+
+    @property
+    def timed(self) -> bool:
+        return True
+
+    def on_pieces(self, parent: Int[Array, " piece"], _fraction: Float[Array, " piece"]) -> "SensorFlow":
+        return replace(self, weights=self.weights.of(parent))
 
     @property
     def _lasting(self) -> Float[Array, " sensor"]:
         """Variance of what differs from the usual for as long as anybody walks."""
         return self.model.weekly**2 + self.uneven**2
 
-    def expected(self, slots: int) -> SensedField:
-        """Mean densities, for each of the starts."""
+    def expected(self, hours: Float[Array, " hour"], slots: int) -> SensedField:
+        """Mean densities, for each of the hours."""
         number = jnp.arange(slots)
-        known = self.known
+        current = self.current
 
         def one(start: Float[Array, ""]) -> Float[Array, "slot sensor"]:
             usual, deviation = self._usual(start, number)
             since = self._since(start, number)
             variance = self._lasting + self._together(since, since) * deviation**2
-            if known is None:
+            if current is None:
                 return usual + variance / 2
-            log_density_ratio, then = self._surprise(known)
+            log_density_ratio, then = self._log_ratio(current, hours[0])
             covariance = self._lasting + self._together(jnp.zeros(1), since) * then * deviation
-            counted = jnp.isfinite(known.residual)
+            counted = jnp.isfinite(current.residual)
             return usual + _given(
                 log_density_ratio, self._lasting + then**2, jnp.where(counted, covariance, 0.0), variance
             )
 
-        return self._field(jax.vmap(one)(self.start))
+        return self._field(jax.vmap(one)(hours))
 
-    def draw(self, key: Key[Array, ""], futures: int, slots: int) -> SensedField:
+    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> SensedField:
         """Possible futures, or recorded ones."""
-        starts = self.start[jnp.arange(futures) % self.start.shape[0]]
-        hours = math.ceil(slots * self.slot_seconds / HOUR) + 2
+        knots_needed = math.ceil(slots * self.slot_seconds / HOUR) + 2
         for_lasting, for_hours = jax.random.split(key)
-        lasting = jax.random.normal(for_lasting, (futures, self.model.weekly.shape[0]))
+        lasting = jax.random.normal(for_lasting, (*hours.shape, *self.model.weekly.shape))
         if self.record is None:
-            lasting, knots = self._simulated(for_hours, lasting * jnp.sqrt(self._lasting), hours)
+            lasting, knots = self._simulated(for_hours, lasting * jnp.sqrt(self._lasting), hours, knots_needed)
         else:
             # How the whole week differs was recorded.
-            lasting, knots = lasting * self.uneven, self._recorded(for_hours, starts, hours)
+            lasting, knots = lasting * self.uneven, self._recorded(for_hours, hours, knots_needed)
 
         def one(
             start: Float[Array, ""], lasting: Float[Array, " sensor"], knots: Float[Array, "hour sensor"]
@@ -211,25 +211,27 @@ class SensorFlow(eqx.Module):
             residual = (1 - part)[:, None] * knots[hour] + part[:, None] * knots[hour + 1]
             return usual + lasting + residual * (deviation if self.record is None else 1.0)
 
-        return self._field(jax.vmap(one)(starts, lasting, knots))
+        return self._field(jax.vmap(one)(hours, lasting, knots))
 
     def ahead(
-        self, now: Float[Array, " sensor"], slot: Int[Array, ""], slots: int, future: Int[Array, ""] | int = 0
+        self, now: Float[Array, " sensor"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
     ) -> Float[Array, "slots sensor"]:
         """Mean densities of this and the next slots, given those of this one; a part of the surprise fades."""
-        start, after = self.start[future % self.start.shape[0]], slot + jnp.arange(slots)
-        usual, deviation = self._usual(start, after)
-        since = self._since(start, after)
+        after = slot + jnp.arange(slots)
+        usual, deviation = self._usual(hour, after)
+        since = self._since(hour, after)
         variance = self._lasting + self._together(since, since) * deviation**2
         log_density_ratio = jnp.log1p(now / self.per_count) - usual[0]
         covariance = self._lasting + self._together(since[:1], since) * deviation[0] * deviation
         return self._density(usual + _given(log_density_ratio, variance[0], covariance, variance))
 
-    def _surprise(self, known: Known) -> tuple[Float[Array, " sensor"], Float[Array, " sensor"]]:
+    def _log_ratio(
+        self, current: CurrentCounts, hour: Float[Array, ""]
+    ) -> tuple[Float[Array, " sensor"], Float[Array, " sensor"]]:
         """How what is known differs from what was to be expected then, 0 where it is not, and the deviation then."""
-        hour = jnp.round(self.start[0] - known.since - 0.5).astype(jnp.int32)
-        residual = jnp.where(jnp.isfinite(known.residual), known.residual + self.uneven**2 / 2, 0.0)
-        return residual, self.model.deviation[hour % len(self.model.deviation)]
+        counted = jnp.round(hour - current.since - 0.5).astype(jnp.int32)
+        residual = jnp.where(jnp.isfinite(current.residual), current.residual + self.uneven**2 / 2, 0.0)
+        return residual, self.model.sigma[counted % len(self.model.sigma)]
 
     def _hours(
         self, start: Float[Array, ""], slot: Int[Array, " slots"]
@@ -250,67 +252,67 @@ class SensorFlow(eqx.Module):
             before, after = table[(first + hour) % len(table)], table[(first + hour + 1) % len(table)]
             return (1 - part)[:, None] * before + part[:, None] * after
 
-        return at(self.model.usual) - self.uneven**2 / 2, at(self.model.deviation)
+        return at(self.model.expected) - self.uneven**2 / 2, at(self.model.sigma)
 
     def _since(self, start: Float[Array, ""], slot: Int[Array, " slots"]) -> Float[Array, " slots"]:
         """Hours of residuals: they are drawn at the whole ones, the middles of hours, and go straight in between.
 
         0 is the middle before clock 0, or that of the counted hour, before which residuals are as counted.
         """
-        if self.known is None:
+        if self.current is None:
             _, hour, part = self._hours(start, slot)
             return hour + part
-        return jnp.maximum(self.known.since + (slot + 0.5) * (self.slot_seconds / HOUR), 0.0)
+        return jnp.maximum(self.current.since + (slot + 0.5) * (self.slot_seconds / HOUR), 0.0)
 
     def _together(self, early: Float[Array, " #slots"], late: Float[Array, " slots"]) -> Float[Array, "slots sensor"]:
         """Covariance of residuals in units of their deviations, those of ``early`` with those of ``late``."""
         first, second = jnp.floor(early), jnp.floor(late)
         begun, passed, apart = ((early - first)[:, None], (late - second)[:, None], (second - first)[:, None])
         # Of the two whole hours around each, every one with every other: memory to the power of hours between.
-        memory = self.model.memory
+        memory = self.model.phi
         same = (1 - begun) * (1 - passed) + begun * passed
         outer, inner = (1 - begun) * passed, begun * (1 - passed)
         return memory**apart * (same + outer * memory) + inner * memory ** jnp.abs(apart - 1)
 
     def _simulated(
-        self, key: Key[Array, ""], lasting: Float[Array, "future sensor"], hours: int
-    ) -> tuple[Float[Array, "future sensor"], Float[Array, "future hour sensor"]]:
-        """What lasts, and residuals in units of their deviations."""
-        memory, known = self.model.memory, self.known
-        steps = hours if known is None else hours + 1  # since the counts may be of the hour before the first one
-        innovations = jax.random.normal(key, (steps, *lasting.shape)) @ self.model.together.T
-        fresh, first = jnp.sqrt(1 - memory**2), innovations[0]
-        if known is not None:
+        self, key: Key[Array, ""], lasting: Float[Array, "future sensor"], hours: Float[Array, " future"], knots: int
+    ) -> tuple[Float[Array, "future sensor"], Float[Array, "future knot sensor"]]:
+        """What lasts, and residuals in units of their standard deviations at ``knots`` middles of hours."""
+        phi, current = self.model.phi, self.current
+        steps = knots if current is None else knots + 1  # since the counts may be of the hour before the first one
+        innovations = jax.random.normal(key, (steps, *lasting.shape)) @ self.model.cholesky.T
+        fresh, first = jnp.sqrt(1 - phi**2), innovations[0]
+        if current is not None:
             # Matheron's rule: what was drawn is corrected by as much of the miss as falls on each part.
-            log_density_ratio, then = self._surprise(known)
-            miss = jnp.where(jnp.isfinite(known.residual), log_density_ratio - lasting - then * first, 0.0)
+            log_density_ratio, then = self._log_ratio(current, hours[0])
+            miss = jnp.where(jnp.isfinite(current.residual), log_density_ratio - lasting - then * first, 0.0)
             variance = jnp.maximum(self._lasting + then**2, 1e-12)
             lasting, first = lasting + self._lasting / variance * miss, first + then / variance * miss
 
         def later(residual: Array, innovation: Array) -> tuple[Array, Array]:
-            residual = memory * residual + fresh * innovation
+            residual = phi * residual + fresh * innovation
             return residual, residual
 
         _, rest = jax.lax.scan(later, first, innovations[1:])
         chain = jnp.moveaxis(jnp.concatenate([first[None], rest]), 0, 1)
-        if known is None:
+        if current is None:
             return lasting, chain
         # The chain begins at the hour that was counted. What comes before its middle is taken to be as counted.
-        after = jnp.arange(hours) + jnp.floor(known.since).astype(jnp.int32)
+        after = jnp.arange(knots) + jnp.floor(current.since).astype(jnp.int32)
         return lasting, chain[:, jnp.clip(after, 0, steps - 1)]
 
     def _recorded(
-        self, key: Key[Array, ""], starts: Float[Array, " future"], hours: int
-    ) -> Float[Array, "future hour sensor"]:
+        self, key: Key[Array, ""], hours: Float[Array, " future"], knots: int
+    ) -> Float[Array, "future knot sensor"]:
         """Residuals as they were counted."""
         if self.record is None:
             raise ValueError("nothing was recorded")
         weeks, _, sensors = self.record.shape
         whole = self.record.reshape(weeks * HOURS_OF_WEEK, sensors)
-        week = jax.random.randint(key, starts.shape, 0, weeks)
-        first = week * HOURS_OF_WEEK + jnp.floor(starts - 0.5).astype(jnp.int32)
+        week = jax.random.randint(key, hours.shape, 0, weeks)
+        first = week * HOURS_OF_WEEK + jnp.floor(hours - 0.5).astype(jnp.int32)
         # The last hours of the record go on with its first ones, if anybody walks then.
-        return whole[(first[:, None] + jnp.arange(hours)) % len(whole)]
+        return whole[(first[:, None] + jnp.arange(knots)) % len(whole)]
 
     def _density(self, level: Float[Array, "*lead sensor"]) -> Float[Array, "*lead sensor"]:
         return jnp.maximum(jnp.expm1(level), 0.0) * self.per_count

@@ -1,26 +1,51 @@
-"""Cost-to-go potentials: from every node, at every time, the least cost of getting to a goal through changing crowds.
+"""Costs to go: from every node, at every time, the least cost of getting to a destination through changing crowds.
 
 One pass by decreasing order of time (Chabini 1998, doi:10.3141/1645-21) serves all origins and all departures. Cost is
 known at the beginning of every slot and taken to be linear in between; crossings shorter than a slot lead back into it,
 which a short iteration settles. Exact where speeds do not change.
+
+The levels ``map`` and ``live`` look such costs up; they are worked out before walkers set out.
 """
+
+from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.network.graph import RoadNetwork
+from sidestep.environment.crossing import crossings, static_crossing
+from sidestep.environment.types import DENSITY_SCALE, EnvParams, ExpectedCostToGo, Instance, LiveCostToGo
+from sidestep.network.graph import ABSENT, RoadNetwork
+from sidestep.walking.objective import Deferred
+from sidestep.walking.speed_field import SpeedField, Speeds
+from sidestep.walking.waits import Wait
 
-UNREACHABLE = 1e9  # s; finite, so that it can be interpolated
-SETTLED = 0.01  # s
+UNREACHABLE = 1e9
+"""Cost in s where no path leads to the destination; finite, so that it can be interpolated."""
+SETTLED = 0.01
+"""Change in s below which the iteration within a slot ends."""
+WINDOW = 24
+"""Slots that a forecast looks ahead; beyond, crowds are taken to be as expected."""
+Ahead = Callable[[Float[Array, " counter"], Float[Array, ""], Int[Array, ""]], SpeedField]
+"""Speeds in a slot and the next ones, from its counts, the hour of the week at clock 0 and its number."""
 
 
 def static_cost_to_go(
-    network: RoadNetwork, cost: Float[Array, " segment"], goal: Bool[Array, " node"]
+    network: RoadNetwork, cost: Float[Array, " segment"], destination: Bool[Array, " node"]
 ) -> Float[Array, " node"]:
-    """Cost from every node to the nearest goal if those of crossing segments stay what they are (Bellman and Ford)."""
+    """Cost from every node if those of crossing segments stay as they are (Bellman and Ford).
+
+    Parameters
+    ----------
+    network, cost
+        Streets, and the cost in s of crossing each segment.
+    destination
+        Nodes of the destination; the nearest one counts.
+    """
     onward = jnp.where(network.valid, cost[network.exit_segment], UNREACHABLE)
-    start = jnp.where(goal, 0.0, UNREACHABLE)
+    start = jnp.where(destination, 0.0, UNREACHABLE)
 
     def improve(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         to_go, _ = carry
@@ -35,19 +60,27 @@ def cost_to_go(
     seconds: Float[Array, "slot segment"],
     cost: Float[Array, "slot segment"],
     slot_seconds: float,
-    goal: Bool[Array, " node"],
+    destination: Bool[Array, " node"],
     later: Float[Array, " node"],
 ) -> Float[Array, "slot node"]:
-    """Cost from every node to the nearest goal, as each slot begins.
+    """Cost from every node, as each slot begins; ``UNREACHABLE`` or more where no path leads.
 
     Parameters
     ----------
+    network
+        Streets.
     seconds, cost
-        What it takes to cross each segment, entered as each slot begins.
-    goal
-        Which nodes are destinations; 0 there. Where there is no way, at least ``UNREACHABLE``.
+        Of crossing each segment, entered as each slot begins, in s.
+    slot_seconds
+        Length of a slot in s.
+    destination
+        Nodes of the destination; the nearest one counts.
     later
         Cost to go after the last of the slots.
+
+    References
+    ----------
+    Chabini (1998), doi:10.3141/1645-21.
     """
     slots = seconds.shape[0]
     head, valid = network.exit_node, network.valid
@@ -61,7 +94,7 @@ def cost_to_go(
         part = ahead - whole
         before = slot + whole.astype(jnp.int32)
         beyond = jnp.minimum(before + 1, slots)
-        # Within this slot: to-go at its beginning is what is sought, and only at its end is it known.
+        # Within this slot: the cost at its beginning is sought, and only that at its end is known.
         within = before == slot
         known = jnp.where(within, 0.0, (1 - part) * table[jnp.minimum(before, slots), head])
         known = jnp.where(valid, cost + known + part * table[beyond, head], UNREACHABLE)
@@ -69,7 +102,7 @@ def cost_to_go(
 
         def settle(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
             to_go, _, times = carry
-            found = jnp.where(goal, 0.0, jnp.min(known + weight * to_go[head], axis=1))
+            found = jnp.where(destination, 0.0, jnp.min(known + weight * to_go[head], axis=1))
             found = jnp.minimum(found, UNREACHABLE)
             return found, jnp.max(jnp.abs(found - to_go)), times + 1
 
@@ -85,19 +118,196 @@ def cost_to_go(
 
 
 def at_clock(
-    table: Float[Array, "*goal slot node"],
+    table: Float[Array, "*destination slot node"],
     slot_seconds: float,
     clock: Float[Array, " n"],
     node: Int[Array, " n"],
-    goal: Int[Array, ""] | None = None,
+    destination: Int[Array, ""] | None = None,
 ) -> Float[Array, " n"]:
-    """Cost to go from nodes at clocks, linear between the beginnings of slots; ``goal`` picks one of several tables.
+    """Cost to go from nodes at clocks, linear between the beginnings of slots.
 
-    (It is part of the index, since picking a table first would copy it for every walker.)
+    ``destination`` picks one of several tables. (It is part of the index, since picking a table first would copy it for
+    every walker.)
     """
-    which = () if goal is None else (goal,)
+    which = () if destination is None else (destination,)
     last = table.shape[-2] - 1
     position = jnp.clip(clock / slot_seconds, 0.0, last)
     slot = jnp.floor(position).astype(jnp.int32)
     part = position - slot
     return (1 - part) * table[(*which, slot, node)] + part * table[(*which, jnp.minimum(slot + 1, last), node)]
+
+
+def field_cost_to_go(
+    params: EnvParams, speeds: SpeedField, wait: Wait, destination: Bool[Array, " node"], *, every: int = 1
+) -> Float[Array, "step node"]:
+    """Cost from every node through one future, whose last slot lasts for ever.
+
+    Parameters
+    ----------
+    params
+        The environment.
+    speeds, wait
+        In that future: walking speeds, and seconds to wait before segments.
+    destination
+        Nodes of the destination; the nearest one counts.
+    every
+        Steps in each slot, at whose beginnings costs are worked out.
+    """
+    crossed = crossings(params, speeds, wait, every=every)
+    last = static_cost_to_go_at(
+        params,
+        speeds.speed[:, -1],
+        lambda: speeds.known_density[:, -1],
+        wait,
+        (speeds.slots - 1) * speeds.slot_seconds,
+        destination,
+    )
+    return cost_to_go(params.network, crossed.seconds, crossed.cost, speeds.slot_seconds / every, destination, last)
+
+
+def static_cost_to_go_at(
+    params: EnvParams,
+    speed: Float[Array, " segment"],
+    density: Deferred,
+    wait: Wait,
+    clock: Float[Array, ""] | float,
+    destination: Bool[Array, " node"],
+) -> Float[Array, " node"]:
+    """Cost from every node if crowds and waits stayed for ever as they are at a clock."""
+    network = params.network
+    waited = wait(jnp.arange(network.segments), jnp.full(network.segments, clock))
+    cost = static_crossing(params.objective, network.length, speed, density, waited).cost
+    return static_cost_to_go(network, cost, destination)
+
+
+def expected_cost_to_go(
+    params: EnvParams, destinations: Bool[Array, "destination node"], hours: Float[Array, " destination"]
+) -> ExpectedCostToGo:
+    """Expected costs of getting to some destinations.
+
+    Parameters
+    ----------
+    params
+        The environment, with its expected crowds.
+    destinations
+        Nodes of each destination; no node may belong to two.
+    hours
+        Hour of the week at which walks to each of them set out.
+    """
+
+    def tables(expected: Speeds) -> Float[Array, "destination slot node"]:
+        def one(number: Int[Array, ""]) -> Float[Array, "slot node"]:
+            wait = partial(params.waits.mean, hours[number])
+            return field_cost_to_go(params, expected.of(number % expected.count), wait, destinations[number])
+
+        return jax.lax.map(one, jnp.arange(len(destinations)))
+
+    expected = params.expected
+    scaled = tables(expected.scaled(DENSITY_SCALE)) if expected.interpolated else None
+    number = jnp.where(destinations.any(axis=0), jnp.argmax(destinations, axis=0), ABSENT)
+    return ExpectedCostToGo(tables(expected), number.astype(jnp.int32), scaled)
+
+
+def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counter"], ahead: Ahead) -> LiveCostToGo:
+    """Costs from all counts of every slot of every future, to that future's destination.
+
+    Parameters
+    ----------
+    params
+        The environment, of level ``map`` at least.
+    counted
+        What is known of each slot as it begins: the people on each segment, or the densities at counters.
+    ahead
+        Turns that into the speeds that are forecast from it; after its window crowds are as expected.
+    """
+    futures, speeds, expected = params.futures, params.futures.speeds, known_cost_to_go(params)
+    nodes = expected.destination == jnp.arange(expected.table.shape[0])[:, None]
+    every = jnp.arange(params.network.segments)
+
+    def one(number: Int[Array, ""]) -> tuple[Array, Array]:
+        future, slot = number // speeds.slots, number % speeds.slots
+        destination, hour = futures.destination[future], futures.hour[future]
+        wait, to = partial(params.waits.mean, hour), nodes[destination]
+        foreseen = ahead(counted[future, slot], hour, slot)
+        forecast = _forecast(params, foreseen, wait, slot, to, expected.table[destination])
+        density, clock = partial(speeds.density_at, future, every, slot), slot * speeds.slot_seconds
+        return forecast, static_cost_to_go_at(params, speeds.at(future, every, slot), density, wait, clock, to)
+
+    forecast, snapshot = jax.lax.map(one, jnp.arange(speeds.count * speeds.slots))
+    shape = (speeds.count, speeds.slots)
+    return LiveCostToGo(forecast.reshape(*shape, 2, -1), snapshot.reshape(*shape, -1))
+
+
+def _forecast(
+    params: EnvParams,
+    speeds: SpeedField,
+    wait: Wait,
+    slot: Int[Array, ""],
+    destination: Bool[Array, " node"],
+    expected: Float[Array, "slot node"],
+) -> Float[Array, "2 segment"]:
+    """Cost to the destination over each segment, entered as the slot begins and as it ends.
+
+    Penalties for entering a segment that is too dense are left out: walkers see there whether they have to pay them.
+    """
+    network, slot_seconds = params.network, speeds.slot_seconds
+    crossed = crossings(params, speeds, wait, begins=slot * slot_seconds)
+    later = expected[jnp.minimum(slot + speeds.slots, expected.shape[0] - 1)]
+    table = cost_to_go(network, crossed.seconds, crossed.cost, slot_seconds, destination, later)
+    table = jnp.concatenate([table, later[None]])
+    over = jax.vmap(partial(at_clock, table, slot_seconds, node=network.head))
+    first = jax.tree.map(lambda leaf: leaf[:2], crossed)
+    return params.objective.without_penalty(first) + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + first.seconds)
+
+
+def known_cost_to_go(params: EnvParams) -> ExpectedCostToGo:
+    """The environment's expected costs.
+
+    Raises
+    ------
+    ValueError
+        An environment that was made for a lower level.
+    """
+    if params.cost_to_go is None:
+        raise ValueError("the environment was made for a level below map: no expected costs are known")
+    return params.cost_to_go
+
+
+def known_live_cost_to_go(params: EnvParams) -> LiveCostToGo:
+    """The environment's costs from all counts.
+
+    Raises
+    ------
+    ValueError
+        An environment that was made for a lower level.
+    """
+    if params.futures.cost_to_go is None:
+        raise ValueError("the environment was made for a level below live: no forecasts are known")
+    return params.futures.cost_to_go
+
+
+def check_known(params: EnvParams, instances: Instance) -> None:
+    """Refuse walks that the levels ``map`` and ``live`` know nothing about; compiled programs could not.
+
+    Raises
+    ------
+    ValueError
+        An environment that was made for a lower level; a destination that it was not made for; at level ``live``, or
+        where hours differ, a future that is for another destination.
+    """
+    if params.level not in ("map", "live"):
+        return
+    number = np.asarray(known_cost_to_go(params).destination)[np.asarray(instances.destination)]
+    if (number < 0).any():
+        unknown = np.asarray(instances.destination).reshape(-1)[np.argmin(number)]
+        raise ValueError(f"no costs of getting to node {unknown} are known; give it to make_environment as destination")
+    if params.level == "live":
+        known_live_cost_to_go(params)
+    elif params.expected.count == 1:
+        return
+    meant = np.asarray(params.futures.destination)[np.asarray(instances.future)]
+    wrong = np.flatnonzero(number != meant)
+    if len(wrong):
+        walk = int(wrong[0])
+        future = int(np.asarray(instances.future).reshape(-1)[walk])
+        raise ValueError(f"walk {walk} meets future {future}, which is for another destination")

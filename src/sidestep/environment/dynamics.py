@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.costs import cross
+from sidestep.environment.crossing import cross
 from sidestep.environment.observation import observe
 from sidestep.environment.types import RECENT_NODES, EnvParams, EnvState, Instance, Observation, Outcome
 from sidestep.network.graph import ABSENT
@@ -13,9 +13,8 @@ from sidestep.network.graph import ABSENT
 
 def reset(params: EnvParams, instance: Instance) -> tuple[EnvState, Observation]:
     """Put a walker at its origin at its departure."""
-    state = EnvState(
-        instance.origin, instance.departure, instance, jnp.full(RECENT_NODES, ABSENT, jnp.int32), jnp.int32(0)
-    )
+    never = jnp.full(RECENT_NODES, ABSENT, jnp.int32)
+    state = EnvState(instance.origin, instance.departure, instance, never, jnp.int32(0))
     return state, observe(params, state)
 
 
@@ -25,15 +24,26 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
     An exit that does not exist is replaced by the next one that does, counting upwards and round (the paper lets the
     agent "select another"); a node without any exit is no place for a walker. The episode terminates on arrival; it is
     truncated, not terminated, at the horizon.
+
+    Parameters
+    ----------
+    params, state
+        The environment, and the walker in it.
+    action
+        Number of the exit to take.
+
+    Returns
+    -------
+    state, outcome
+        Where the walker is then, and what the step brought.
     """
     network = params.network
-    way = existing_exit(network.exit_node[state.node], action)
-    segment, node = network.exit_segment[state.node, way], network.exit_node[state.node, way]
+    taken = existing_exit(network.exit_node[state.node], action)
+    segment, node = network.exit_segment[state.node, taken], network.exit_node[state.node, taken]
     crossed = cross(params, state.instance.future, segment, state.clock)
     recent_nodes = jnp.concatenate([state.node[None], state.recent_nodes[:-1]])
     after = EnvState(node, state.clock + crossed.seconds, state.instance, recent_nodes, state.steps + 1)
-    if params.objective is None:  # time is what the clock says, rounding included
-        crossed = replace(crossed, cost=after.clock - state.clock)
+    crossed = replace(crossed, cost=params.objective.step_cost(crossed, after.clock - state.clock))
     arrived = node == state.instance.destination
     outcome = Outcome(
         observation=observe(params, after),
@@ -47,7 +57,21 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
 
 
 def reward(params: EnvParams, before: EnvState, after: EnvState, cost: Float[Array, ""]) -> Float[Array, ""]:
-    """Reward of eq. 13 as corrected: minus the cost of the step, plus the progress, plus the bonus of arriving."""
+    """Reward of eq. 13 as corrected: minus the cost of the step, plus the progress, plus the bonus of arriving.
+
+    Parameters
+    ----------
+    params
+        The environment, with the weights.
+    before, after
+        The walker's states around the step.
+    cost
+        What the step cost, in s.
+
+    References
+    ----------
+    The paper, eq. 13; for potential-based progress Ng, Harada, Russell (1999).
+    """
     weights, destination = params.reward, before.instance.destination
     progress = params.network.straight_line(before.node, destination) - params.network.straight_line(
         after.node, destination

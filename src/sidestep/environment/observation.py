@@ -1,27 +1,30 @@
 """What a walker sees at each level of knowledge; each level sees what the one before it sees, and more."""
 
 from dataclasses import replace
+from functools import partial
+from typing import cast
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sidestep.environment.cost_to_go import at_clock
-from sidestep.environment.costs import standing, waiting
+from sidestep.environment.cost_to_go import at_clock, known_cost_to_go, known_live_cost_to_go
+from sidestep.environment.crossing import static_crossing
 from sidestep.environment.types import (
     RECENT_NODES,
-    Crossing,
     EnvParams,
     EnvState,
+    Expected,
     Information,
     Live,
     Local,
     Observation,
-    Usual,
 )
-from sidestep.walking.speed_field import SensedSpeeds, Speeds
+from sidestep.walking.objective import Crossing
+from sidestep.walking.speed_field import Speeds
 from sidestep.walking.speed_laws import FREE_SPEED
 
-EMPTY = 0.02  # persons/m² that make no difference
+EMPTY = 0.02
+"""Persons/m² that make no difference to :attr:`sidestep.environment.types.Expected.log_density_ratio`."""
 
 
 def observe(params: EnvParams, state: EnvState) -> Observation:
@@ -36,126 +39,90 @@ def observe_position(params: EnvParams, state: EnvState) -> Observation:
 
 
 def observe_local(params: EnvParams, state: EnvState) -> Observation:
-    """Level ``local``: also the clock, where the destination lies, and the streets that leave from here.
-
-    Their crowds and the phases of their lights are seen.
+    """Level ``local``: also the clock, where the destination lies, and the crowds and lights of the streets from here.
 
     Its estimate: each street at the speed that is seen on it, then straight on at free speed.
     """
     network = params.network
     onto, segment = network.exit_node[state.node], network.exit_segment[state.node]
-    length = network.length[segment]
-    goal = network.position[state.instance.destination]
+    destination = network.position[state.instance.destination]
     remembered = state.recent_nodes == onto[:, None]
-    now = _seen_now(params, state, params.futures, state.instance.future)
+    now = _crossing_now(params, state, params.futures.speeds, state.instance.future)
     local = Local(
         clock=state.clock,
-        ahead=goal - network.position[state.node],
+        ahead=destination - network.position[state.node],
         onto=onto,
-        onward=goal - network.position[onto],
-        length=length,
+        onward=destination - network.position[onto],
+        length=network.length[segment],
         crossing=now.seconds,
         cost=now.cost,
-        again=(state.recent_nodes == state.node).any(),
-        left=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + RECENT_NODES),
+        revisiting=(state.recent_nodes == state.node).any(),
+        steps_since_visit=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + RECENT_NODES),
     )
     metres = jnp.linalg.norm(local.onward, axis=1)
     # Nobody is met on streets that are not seen.
-    empty = standing(params, metres, jnp.full_like(metres, FREE_SPEED), jnp.zeros_like(metres), None)
+    empty = static_crossing(
+        params.objective, metres, jnp.full_like(metres, FREE_SPEED), partial(jnp.zeros_like, metres)
+    )
     return replace(
         observe_position(params, state), local=local, estimate=local.cost + empty.cost + _turning_back(params, local)
     )
 
 
 def observe_map(params: EnvParams, state: EnvState) -> Observation:
-    """Level ``map``: also the map and its usual crowds.
+    """Level ``map``: also the map and its expected crowds.
 
-    Its estimate: each street at the speed that is seen on it, then the fastest way through the expected crowds; where
-    crowds spread from sensors, the fastest way through the expected crowds from here on.
+    Its estimate: each street at the speed that is seen on it, then the least cost through the expected crowds; where
+    crowds are interpolated, the least cost through the expected crowds from here on.
     """
-    seen = observe_local(params, state)
-    local, known = seen.local, params.usual
-    if local is None or known is None:
-        raise ValueError("level map needs EnvParams.usual")
-    goal = known.goal[state.instance.destination]
-    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
-    which = state.instance.future % params.expected.count
-    usually_now = _seen_now(params, state, params.expected, which)
+    known, seen = known_cost_to_go(params), observe_local(params, state)
+    local = cast("Local", seen.local)
+    destination = known.destination[state.instance.destination]
+    which = params.expected_for(state.instance.future)
+    now = _crossing_now(params, state, params.expected, which)
 
-    def to_go(table: Float[Array, "goal slot node"], enough: Float[Array, " exit"]) -> Float[Array, " exit"]:
-        return at_clock(table, params.futures.slot_seconds, state.clock + enough, local.onto, goal)
+    def to_go(table: Float[Array, "destination slot node"], crossing: Float[Array, " exit"]) -> Float[Array, " exit"]:
+        return at_clock(table, params.futures.speeds.slot_seconds, state.clock + crossing, local.onto, destination)
 
-    futures, expected = params.futures, params.expected
-    if (
-        not (isinstance(futures, SensedSpeeds) and isinstance(expected, SensedSpeeds))
-        or known.cost_to_go_scaled is None
-    ):
-        usual = Usual(usually_now.cost, to_go(known.table, local.crossing))
-        return replace(seen, usual=usual, estimate=local.cost + usual.to_go + _turning_back(params, local))
+    if known.scaled is None:
+        expected = Expected(now.cost, to_go(known.table, local.crossing))
+        estimate = local.cost + expected.to_go + _turning_back(params, local)
+        return replace(seen, expected=expected, estimate=estimate)
     # What is seen here is seen on the streets beyond as well. Taken for this street's alone, it would send walkers
     # round the next corner, from where the way back is the fastest: then they would go to and fro.
-    density = futures.density_at(state.instance.future, segment, slot)
-    usually = expected.density_at(which, segment, slot)
-    crossing = usually_now.seconds
-    usual = Usual(
-        usually_now.cost,
-        to_go(known.table, crossing),
-        log_density_ratio=jnp.log((density + EMPTY) / (usually + EMPTY)),
-        cost_to_go_scaled=to_go(known.cost_to_go_scaled, crossing) - to_go(known.table, crossing),
+    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
+    density = params.futures.speeds.density_at(state.instance.future, segment, slot)
+    usual = params.expected.density_at(which, segment, slot)
+    expected = Expected(
+        now.cost,
+        to_go(known.table, now.seconds),
+        log_density_ratio=jnp.log((density + EMPTY) / (usual + EMPTY)),
+        cost_to_go_scaled=to_go(known.scaled, now.seconds) - to_go(known.table, now.seconds),
     )
-    estimate = usually_now.cost + usual.to_go
-    if params.objective is not None:  # but whether it is too dense to enter is seen
-        seen_to_be = params.objective.too_dense(density) - params.objective.too_dense(usually)
-        estimate += params.objective.penalty * seen_to_be
-    return replace(seen, usual=usual, estimate=estimate + _turning_back(params, local))
+    # But walkers see whether it is too dense to enter.
+    penalty = params.objective.penalty(lambda: density) - params.objective.penalty(lambda: usual)
+    estimate = now.cost + expected.to_go + penalty + _turning_back(params, local)
+    return replace(seen, expected=expected, estimate=estimate)
 
 
 def observe_live(params: EnvParams, state: EnvState) -> Observation:
-    """Level ``live``: also the counts of all streets as of now, and what is forecast from them.
+    """Level ``live``: also the counts of all streets as of now, and the forecasts from them.
 
-    Its estimate: the fastest way over each street if crowds go on as forecast.
+    Its estimate: the least cost over each street if crowds go on as forecast.
     """
-    seen = observe_map(params, state)
-    local, known = seen.local, params.live
-    if local is None or known is None:
-        raise ValueError("level live needs EnvParams.live")
-    slot, future = _slot(params, state), state.instance.future
-    part = jnp.clip(state.clock / params.futures.slot_seconds - slot, 0.0, 1.0)
+    seen, known, speeds = observe_map(params, state), known_live_cost_to_go(params), params.futures.speeds
+    local, slot, future = cast("Local", seen.local), _slot(params, state), state.instance.future
     segment = params.network.exit_segment[state.node]
+    part = jnp.clip(state.clock / speeds.slot_seconds - slot, 0.0, 1.0)
     begin, end = known.forecast[future, slot, 0, segment], known.forecast[future, slot, 1, segment]
     forecast = (1 - part) * begin + part * end
-    density, objective = None, params.objective
-    if objective is not None:  # whether it is too dense to enter is seen as well
-        density = params.futures.density_at(future, segment, slot)
-        forecast += objective.penalty * objective.too_dense(density)
-    if params.waits is not None:
-        # The forecast is worked out for lights at their mean wait; from here they are seen.
-        clock = jnp.full(segment.shape, state.clock)
-        more = params.waits.seconds(future, segment, clock) - params.waits.mean(future, segment, clock)
-        if objective is not None and density is not None:
-            more *= objective.time + objective.exposure * density
-        forecast += more
+    # Forecasts leave out penalties, and take lights at their mean wait: from here both are seen.
+    density, clock = partial(speeds.density_at, future, segment, slot), jnp.full(segment.shape, state.clock)
+    forecast += params.objective.penalty(density)
+    mean = params.waits.mean(params.futures.hour[future], segment, clock)
+    forecast += params.objective.waiting(params.wait_in(future)(segment, clock) - mean, density)
     live = Live(snapshot=local.cost + known.snapshot[future, slot, local.onto], forecast=forecast)
-    return replace(seen, live=live, estimate=live.forecast)
-
-
-def _seen_now(params: EnvParams, state: EnvState, futures: Speeds, future: Int[Array, ""]) -> Crossing:
-    """What the streets that leave from here take and cost if their crowds stay as they are, with the lights as seen."""
-    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
-    density = None if params.objective is None else futures.density_at(future, segment, slot)
-    clock = jnp.full(segment.shape, state.clock)
-    wait = waiting(params, state.instance.future, segment, clock)
-    return standing(params, params.network.length[segment], futures.at(future, segment, slot), density, wait)
-
-
-def _turning_back(params: EnvParams, local: Local) -> Float[Array, " exit"] | float:
-    """Cost of going back to a crossing that is remembered, where there is a density that nobody should enter.
-
-    Whoever turns away from a street that is seen to be too dense would else be led back to it by the next estimate.
-    """
-    if params.objective is None or params.objective.max_density is None:
-        return 0.0
-    return params.objective.penalty * (local.left <= RECENT_NODES)
+    return replace(seen, live=live, estimate=forecast)
 
 
 _OBSERVE = {"position": observe_position, "local": observe_local, "map": observe_map, "live": observe_live}
@@ -166,6 +133,22 @@ def at_level(params: EnvParams, level: Information) -> EnvParams:
     return replace(params, level=level)
 
 
+def _crossing_now(params: EnvParams, state: EnvState, speeds: Speeds, future: Int[Array, ""]) -> Crossing:
+    """What the streets from here take and cost if crowds stay as they are in a future, with the lights as seen."""
+    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
+    return static_crossing(
+        params.objective,
+        params.network.length[segment],
+        speeds.at(future, segment, slot),
+        partial(speeds.density_at, future, segment, slot),
+        params.wait_in(state.instance.future)(segment, jnp.full(segment.shape, state.clock)),
+    )
+
+
+def _turning_back(params: EnvParams, local: Local) -> Float[Array, " exit"] | float:
+    return params.objective.turning_back(local.steps_since_visit <= RECENT_NODES)
+
+
 def _slot(params: EnvParams, state: EnvState) -> Int[Array, ""]:
-    slot = jnp.floor(state.clock / params.futures.slot_seconds).astype(jnp.int32)
-    return jnp.clip(slot, 0, params.futures.slots - 1)
+    slot = jnp.floor(state.clock / params.futures.speeds.slot_seconds).astype(jnp.int32)
+    return jnp.clip(slot, 0, params.futures.speeds.slots - 1)

@@ -1,7 +1,6 @@
 """Whole walks: a decision rule applied from origin to destination."""
 
 from collections.abc import Callable
-from dataclasses import fields
 
 import equinox as eqx
 import jax
@@ -9,61 +8,84 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.environment.dynamics import reset, step
-from sidestep.environment.types import Crossing, EnvParams, EnvState, Instance, Observation
+from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.network.graph import ABSENT
 
-Decide = Callable[[Observation, Key[Array, ""]], Int[Array, ""]]  # which exit to take
-
-
-Carry = tuple[
-    Bool[Array, ""],
-    Bool[Array, ""],
-    EnvState,
-    Observation,
-    Crossing | None,
-    Int[Array, " trace"],
-    Float[Array, " trace"],
-]  # over, arrived, where the walker is, what it sees, what it cost, the trace
+Decide = Callable[[Observation, Key[Array, ""]], Int[Array, ""]]
+"""Which exit to take."""
 
 
 class Walk(eqx.Module):
     """How a walk went. Its trace is empty unless asked for."""
 
-    seconds: Float[Array, ""]  # travel time; the horizon where the walk did not arrive by then
+    seconds: Float[Array, ""]
+    """Travel time in s; the horizon where the walk did not arrive by then."""
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
-    totals: Crossing | None  # the sum of all crossings; None where time is all that counts
-    cost: Float[Array, ""]  # by the objective; a walk that did not arrive costs the horizon more
-    segments: Int[Array, " trace"]  # walked, one after the other; -1 after the last
-    clocks: Float[Array, " trace"]  # s at which each of them was left; after the last, when that was left
+    """Segments walked."""
+    cost: Float[Array, ""]
+    """By the objective, in s; of a walk that did not arrive, the horizon more where the objective is not time alone."""
+    measures: dict[str, Float[Array, ""]]
+    """Totals of what the objective counts beside the cost (:attr:`sidestep.walking.objective.Objective.measures`)."""
+    segments: Int[Array, " trace"]
+    """Walked, one after the other; -1 after the last."""
+    clocks: Float[Array, " trace"]
+    """Clock in s at which each of them was left; after the last, when that was left."""
+
+
+class _Totals(eqx.Module):
+    cost: Float[Array, ""]
+    measures: dict[str, Float[Array, ""]]
+
+
+class _Carry(eqx.Module):
+    over: Bool[Array, ""]
+    arrived: Bool[Array, ""]
+    state: EnvState
+    observation: Observation
+    totals: _Totals
+    segments: Int[Array, " trace"]
+    clocks: Float[Array, " trace"]
 
 
 def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, ""], trace: int = 0) -> Walk:
     """Walk until arrival or the horizon, deciding at every crossing.
 
-    ``trace`` is the number of segments to remember.
+    Parameters
+    ----------
+    params, instance
+        The environment, and the walk to be done in it.
+    decide
+        Which exit to take; given the observation and a key of its own for every step.
+    key
+        Random key of the walk.
+    trace
+        Number of segments to remember.
     """
     start, observation = reset(params, instance)
-    segments = jnp.full(trace, ABSENT, jnp.int32)
-    clocks = jnp.full(trace, instance.departure)
-    arrived = instance.origin == instance.destination
+    there, nothing = instance.origin == instance.destination, jnp.float32(0)
+    totals = _Totals(nothing, dict.fromkeys(params.objective.measures, nothing))
+    segments, clocks = jnp.full(trace, ABSENT, jnp.int32), jnp.full(trace, instance.departure)
 
-    def onward(carry: Carry) -> Carry:
-        _, _, state, observation, totals, segments, clocks = carry
-        number, action = state.steps, decide(observation, jax.random.fold_in(key, state.steps))
-        state, outcome = step(params, state, action)
-        segments = jnp.where(jnp.arange(trace) == number, outcome.segment, segments)
-        clocks = jnp.where(jnp.arange(trace) >= number, state.clock, clocks)
-        done = outcome.terminated | outcome.truncated
-        if totals is not None:
-            totals = jax.tree.map(jnp.add, totals, outcome.crossed)
-        return done, outcome.terminated, state, outcome.observation, totals, segments, clocks
+    def onward(carry: _Carry) -> _Carry:
+        number = carry.state.steps
+        state, outcome = step(params, carry.state, decide(carry.observation, jax.random.fold_in(key, number)))
+        crossed = _Totals(outcome.crossed.cost, outcome.crossed.measures)
+        return _Carry(
+            outcome.terminated | outcome.truncated,
+            outcome.terminated,
+            state,
+            outcome.observation,
+            jax.tree.map(jnp.add, carry.totals, crossed),
+            jnp.where(jnp.arange(trace) == number, outcome.segment, carry.segments),
+            jnp.where(jnp.arange(trace) >= number, state.clock, carry.clocks),
+        )
 
-    totals = None if params.objective is None else Crossing(*(jnp.float32(0) for _ in fields(Crossing)))
-    _, arrived, end, _, totals, segments, clocks = jax.lax.while_loop(
-        lambda carry: ~carry[0], onward, (arrived, arrived, start, observation, totals, segments, clocks)
+    end = jax.lax.while_loop(
+        lambda carry: ~carry.over, onward, _Carry(there, there, start, observation, totals, segments, clocks)
     )
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
-    seconds = jnp.where(arrived, jnp.minimum(end.clock - instance.departure, params.horizon), params.horizon)
-    cost = seconds if totals is None else totals.cost + jnp.where(arrived, 0.0, params.horizon)
-    return Walk(seconds, arrived, end.steps, totals, cost, segments, clocks)
+    elapsed = jnp.minimum(end.state.clock - instance.departure, params.horizon)
+    seconds = jnp.where(end.arrived, elapsed, params.horizon)
+    cost = params.objective.walk_cost(end.totals.cost, seconds, end.arrived, params.horizon)
+    return Walk(seconds, end.arrived, end.state.steps, cost, end.totals.measures, end.segments, end.clocks)

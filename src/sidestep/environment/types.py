@@ -1,124 +1,218 @@
-"""What the environment is made of. One walker everywhere; ``jax.vmap`` makes many."""
+"""The types of the environment. All are of one walker; ``jax.vmap`` makes many."""
 
+from functools import partial
 from typing import Literal, get_args
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.crowds.base import Field, FlowField, SensedField
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.crossing_time import CrossingRule
-from sidestep.walking.objective import Objective
-from sidestep.walking.speed_field import SensedSpeeds, SpeedField, Speeds, speed_field
-from sidestep.walking.speed_laws import SpeedLaw
-from sidestep.walking.waits import Waits
+from sidestep.walking.objective import Crossing, Objective, TravelTime
+from sidestep.walking.speed_field import Speeds
+from sidestep.walking.waits import NoWaits, Wait, Waits, light_phases
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
-Information = Literal["position", "local", "map", "live"]  # levels at which a walker can stand at a crossing
+"""Levels of knowledge."""
+Information = Literal["position", "local", "map", "live"]
+"""Levels at which a walker can stand at a crossing; hindsight is for planning alone."""
 LEVELS: tuple[Information, ...] = get_args(Information)
+
+DENSITY_SCALE = 1.5
+"""Factor of the densities in :attr:`ExpectedCostToGo.scaled`."""
+RECENT_NODES = 8
+"""Nodes that a walker remembers having left."""
 
 
 class RewardWeights(eqx.Module):
     """Weights of eq. 13, as corrected: r = -c / unit + w_r (φ(t-1) - φ(t)) + bonus on arrival, c the cost of a step."""
 
-    unit_seconds: float = eqx.field(static=True, default=60.0)  # one unit of reward; the paper's -67 are minutes
-    progress: float = eqx.field(static=True, default=1e-3)  # w_r, per metre of straight-line distance
+    unit_seconds: float = eqx.field(static=True, default=60.0)
+    """Seconds in one unit of reward; the paper's -67 are minutes."""
+    progress: float = eqx.field(static=True, default=1e-3)
+    """w_r, per metre of straight-line distance."""
     bonus: float = eqx.field(static=True, default=1.0)
-
-
-DENSITY_SCALE = 1.5
-RECENT_NODES = 8  # crossings that a walker remembers having left
+    """For arriving."""
 
 
 class ExpectedCostToGo(eqx.Module):
-    """What somebody knows who knows the map and its usual crowds: expected costs of getting to some destinations."""
+    """Costs of getting to some destinations through the expected crowds: level ``map`` knows them."""
 
-    table: Float[Array, "goal slot node"]  # to the destination, as each slot begins
-    goal: Int[Array, " node"]  # which of the tables leads to a node; -1 where none does
-    cost_to_go_scaled: Float[Array, "goal slot node"] | None = (
-        None  # the same if all crowds were HEAVIER times as dense
-    )
+    table: Float[Array, "destination slot node"]
+    """Cost from each node to the destination, as each slot begins."""
+    destination: Int[Array, " node"]
+    """Which destination's table leads to a node; -1 where none does."""
+    scaled: Float[Array, "destination slot node"] | None = None
+    """The same in crowds ``DENSITY_SCALE`` times as dense; None where crowds are not interpolated."""
 
 
 class LiveCostToGo(eqx.Module):
-    """What can be worked out from all counts of a slot; each crowd's is for one destination.
+    """Costs of getting to each future's destination, from all counts of a slot: level ``live`` knows them."""
 
-    ``forecast`` is known for the beginning and the end of the slot: in between, costs are linear.
+    forecast: Float[Array, "future slot 2 segment"]
+    """Cost over each segment, entered as the slot begins and as it ends, if crowds go on as forecast."""
+    snapshot: Float[Array, "future slot node"]
+    """Cost from each node, if crowds stay as they are."""
+
+
+class Futures(eqx.Module):
+    """Possible futures of the crowds, with the walks that each of them is for."""
+
+    speeds: Speeds
+    destination: Int[Array, " future"]
+    """Number of the destination that walks in this future go to, among those that the environment was made for."""
+    hour: Float[Array, " future"]
+    """Hour of the week at clock 0; 0 is Monday 0:00."""
+    phase: Float[Array, " future"]
+    """Seconds by which lights turn green later than :attr:`sidestep.walking.waits.Waits.offset` says."""
+    cost_to_go: LiveCostToGo | None = None
+    """None below level ``live``."""
+
+    @property
+    def count(self) -> int:
+        """Number of futures."""
+        return self.speeds.count
+
+    def first(self, futures: int | None = None, slots: int | None = None) -> "Futures":
+        """The first futures in the first slots; None: all of them."""
+        destination, hour, phase, costs = jax.tree.map(lambda leaf: leaf[:futures], self._beside_speeds)
+        costs = jax.tree.map(lambda leaf: leaf[:, :slots], costs)
+        return Futures(self.speeds.first(futures, slots), destination, hour, phase, costs)
+
+    def replaced(self, futures: "Futures", index: Int[Array, " new"]) -> "Futures":
+        """The same with the futures of these numbers replaced by others."""
+        old, new = self._beside_speeds, futures._beside_speeds  # noqa: SLF001
+        rest = jax.tree.map(lambda before, after: before.at[index].set(after), old, new)
+        return Futures(self.speeds.replaced(futures.speeds, index), *rest)
+
+    @property
+    def _beside_speeds(self) -> tuple[Array, Array, Array, LiveCostToGo | None]:
+        return self.destination, self.hour, self.phase, self.cost_to_go
+
+
+def destinations_in_turn(
+    futures: int, hours: Float[Array, " destination"]
+) -> tuple[Int[Array, " future"], Float[Array, " future"], Float[Array, " future"]]:
+    """Destination, hour and phase of futures that are for each of some destinations in turn.
+
+    Parameters
+    ----------
+    futures
+        How many.
+    hours
+        Hour of the week at which walks to each destination set out.
     """
+    destination = jnp.arange(futures) % hours.shape[0]
+    return destination, hours[destination], light_phases(futures)
 
-    forecast: Float[
-        Array, "future slot 2 segment"
-    ]  # cost to the destination over each segment, if crowds go on as forecast
-    snapshot: Float[Array, "future slot node"]  # cost to the destination, if crowds stay as they are
+
+def futures_in_turn(speeds: Speeds, hours: Float[Array, " destination"]) -> Futures:
+    """Futures with such ``speeds``, for each of some destinations in turn: see :func:`destinations_in_turn`."""
+    return Futures(speeds, *destinations_in_turn(speeds.count, hours))
 
 
 class EnvParams(eqx.Module):
     """Everything that stays while walkers walk: streets, crowds, rules, and what walkers know of them."""
 
     network: RoadNetwork
-    futures: Speeds  # the futures that an episode may meet
-    expected: Speeds  # what somebody expects who knows the usual crowds: number c modulo their count instead of crowd c
-    horizon: Float[Array, ""]  # s after departure at which a walk is cut off
+    futures: Futures
+    """Those that an episode may meet."""
+    expected: Speeds
+    """In the expected crowds: those of each destination's hour, or the only ones where hours do not matter."""
+    horizon: Float[Array, ""]
+    """Seconds after departure at which a walk is cut off."""
     reward: RewardWeights = RewardWeights()
     rule: CrossingRule = eqx.field(static=True, default="integrated")
-    level: Information = eqx.field(static=True, default="position")  # what walkers see
-    usual: ExpectedCostToGo | None = None  # levels map and live need it
-    live: LiveCostToGo | None = None  # level live needs it
-    objective: Objective | None = None  # None: time alone
-    waits: Waits | None = None  # at lights and for gaps; None: nowhere
+    """How speeds that change during a crossing count."""
+    level: Information = eqx.field(static=True, default="position")
+    """What walkers see."""
+    objective: Objective = TravelTime()
+    """What walkers keep low."""
+    waits: Waits | NoWaits = NoWaits()
+    """At lights and for gaps in the traffic."""
+    cost_to_go: ExpectedCostToGo | None = None
+    """None below level ``map``."""
+
+    def wait_in(self, future: Int[Array, ""]) -> Wait:
+        """How long walkers wait before segments in one of the futures."""
+        return partial(self.waits.seconds, self.futures.hour[future], self.futures.phase[future])
+
+    def expected_for(self, future: Int[Array, "*n"]) -> Int[Array, "*n"]:
+        """Number of the expected crowds that belong to one of the futures."""
+        return self.futures.destination[future] % self.expected.count
 
 
 class Instance(eqx.Module):
-    """One walk to be done."""
+    """One walk to be done, or several."""
 
-    origin: Int[Array, "*walk"]  # node
-    destination: Int[Array, "*walk"]  # node
-    departure: Float[Array, "*walk"]  # s, clock
-    future: Int[Array, "*walk"]  # which of EnvParams.crowds it meets
+    origin: Int[Array, "*walk"]
+    """Node where it begins."""
+    destination: Int[Array, "*walk"]
+    """Node where it ends."""
+    departure: Float[Array, "*walk"]
+    """Clock, in s since the scenario's start."""
+    future: Int[Array, "*walk"]
+    """Which of :attr:`EnvParams.futures` it meets."""
 
 
 class EnvState(eqx.Module):
     """Where a walker is, and when."""
 
     node: Int[Array, ""]
-    clock: Float[Array, ""]  # s since the scenario's start
+    clock: Float[Array, ""]
+    """Seconds since the scenario's start."""
     instance: Instance
-    recent_nodes: Int[Array, " recent_nodes"]  # nodes that were left before, the latest first; -1 before the origin
-    steps: Int[Array, ""]  # crossings left so far
+    recent_nodes: Int[Array, " recent_node"]
+    """Nodes that were left before, the latest first; -1 before the origin."""
+    steps: Int[Array, ""]
+    """Segments walked so far."""
 
 
 class Local(eqx.Module):
     """What level ``local`` sees beside level ``position``."""
 
-    clock: Float[Array, ""]  # s since the scenario's start
-    ahead: Float[Array, "2"]  # m, from here to the destination
-    onto: Int[Array, " exit"]  # next node
-    onward: Float[Array, "exit 2"]  # m, from each next node to the destination
-    length: Float[Array, " exit"]  # m
-    crossing: Float[Array, " exit"]  # s to cross each exit at the speed and with the lights that are seen now
-    cost: Float[Array, " exit"]  # of crossing it; the same where time is all that counts
-    again: Bool[Array, ""]  # whether this crossing is remembered, having been left before
-    left: Int[Array, " exit"]  # crossings since each next node was left; TRAIL + 1 where it is not remembered
+    clock: Float[Array, ""]
+    """Seconds since the scenario's start."""
+    ahead: Float[Array, "2"]
+    """From here to the destination, in m."""
+    onto: Int[Array, " exit"]
+    """Next node."""
+    onward: Float[Array, "exit 2"]
+    """From each next node to the destination, in m."""
+    length: Float[Array, " exit"]
+    """Length of the segment, in m."""
+    crossing: Float[Array, " exit"]
+    """Time to cross it in the crowd and with the lights that are seen now, in s."""
+    cost: Float[Array, " exit"]
+    """Cost of crossing it."""
+    revisiting: Bool[Array, ""]
+    """Whether this node is among those remembered as left."""
+    steps_since_visit: Int[Array, " exit"]
+    """Steps since each next node was left; ``RECENT_NODES`` + 1 where it is not remembered."""
 
 
-class Usual(eqx.Module):
+class Expected(eqx.Module):
     """What level ``map`` knows beside level ``local``."""
 
-    cost: Float[Array, " exit"]  # of crossing each exit with the crowd that is usual now
-    to_go: Float[Array, " exit"]  # cost from each next node to the destination, usually, from when it is reached
-    # where crowds are known from sensors:
-    log_density_ratio: Float[Array, " exit"] | None = None  # logarithm of the density that is seen over the usual one
-    cost_to_go_scaled: Float[Array, " exit"] | None = (
-        None  # how much more that costs if all crowds were HEAVIER times as dense
-    )
+    cost: Float[Array, " exit"]
+    """Cost of crossing each segment in the crowd that is expected now."""
+    to_go: Float[Array, " exit"]
+    """Expected cost from each next node to the destination, from when it is reached."""
+    log_density_ratio: Float[Array, " exit"] | None = None
+    """Logarithm of the density that is seen over the expected one; None where crowds are not interpolated."""
+    cost_to_go_scaled: Float[Array, " exit"] | None = None
+    """How much more ``to_go`` would be in crowds ``DENSITY_SCALE`` times as dense; None where it is not known."""
 
 
 class Live(eqx.Module):
     """What level ``live`` knows beside level ``map``."""
 
-    snapshot: Float[Array, " exit"]  # cost to the destination over each exit, if crowds stay as they are
-    forecast: Float[Array, " exit"]  # cost to the destination over each exit, if crowds go on as forecast
+    snapshot: Float[Array, " exit"]
+    """Cost to the destination over each segment, if crowds stay as they are."""
+    forecast: Float[Array, " exit"]
+    """Cost to the destination over each segment, if crowds go on as forecast."""
 
 
 class Observation(eqx.Module):
@@ -127,30 +221,21 @@ class Observation(eqx.Module):
     Entries of exits that do not exist mean nothing.
     """
 
-    # level position
     node: Int[Array, ""]
-    position: Float[Array, "2"]  # x, y in metres
-    valid: Bool[Array, " exit"]  # which exits exist
-    steps: Int[Array, ""]  # crossings left so far
-    # level local
+    position: Float[Array, "2"]
+    """x, y in m."""
+    valid: Bool[Array, " exit"]
+    """Which exits exist."""
+    steps: Int[Array, ""]
+    """Segments walked so far."""
     local: Local | None = None
-    # level map
-    usual: Usual | None = None
-    # level live
+    """From level ``local`` on."""
+    expected: Expected | None = None
+    """From level ``map`` on."""
     live: Live | None = None
-    # every level beyond position
-    estimate: Float[Array, " exit"] | None = None  # cost to the destination over each exit, as the level reckons
-
-
-class Crossing(eqx.Module):
-    """One segment walked, or each of many."""
-
-    seconds: Float[Array, "*n"]  # with the wait before it
-    metres: Float[Array, "*n"]
-    cost: Float[Array, "*n"]  # s, or what counts as much
-    # None where time is all that counts:
-    exposure: Float[Array, "*n"] | None = None  # crowd met, person·s/m²
-    too_dense: Float[Array, "*n"] | None = None  # 1 where nobody should have entered
+    """At level ``live``."""
+    estimate: Float[Array, " exit"] | None = None
+    """The level's own estimate of the cost to the destination over each exit, from level ``local`` on."""
 
 
 class Outcome(eqx.Module):
@@ -158,29 +243,11 @@ class Outcome(eqx.Module):
 
     observation: Observation
     reward: Float[Array, ""]
-    segment: Int[Array, ""]  # that was walked
+    segment: Int[Array, ""]
+    """The segment that was walked."""
     crossed: Crossing
-    terminated: Bool[Array, ""]  # arrived
-    truncated: Bool[Array, ""]  # not arrived when the horizon was over
-
-
-def walking_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
-    """Speeds on every segment from the people on it; ``densities`` are kept only where they are asked for."""
-    if isinstance(flow, SensedField):
-        return SensedSpeeds(flow.sensed, flow.weights, law, flow.slot_seconds)
-    return dense_speeds(network, flow, law, densities=densities)
-
-
-def dense_speeds(network: RoadNetwork, flow: Field, law: SpeedLaw, *, densities: bool = False) -> SpeedField:
-    """The same, worked out on all segments."""
-    density = flow.density(network)
-    speed = jnp.swapaxes(law.speed(density), -1, -2)
-    return speed_field(speed, flow.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)
-
-
-def field_of(network: RoadNetwork, speeds: Speeds) -> Field:
-    """The people from whom :func:`walking_speeds` made these speeds, if it kept their densities."""
-    if isinstance(speeds, SensedSpeeds):
-        return SensedField(speeds.density, speeds.weights, speeds.slot_seconds)
-    volume = jnp.swapaxes(speeds.known_density, -1, -2) * network.length * network.width
-    return FlowField(volume, speeds.slot_seconds)
+    """What that took and cost."""
+    terminated: Bool[Array, ""]
+    """Arrived."""
+    truncated: Bool[Array, ""]
+    """Not arrived when the horizon was over."""

@@ -1,6 +1,6 @@
 """The road network: nodes where streets meet, and directed segments between them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -9,29 +9,49 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.errors import SidestepError
+from sidestep.network.checks import check_each, check_edges
 
-ABSENT = -1  # where there is no street: in tables of nodes and segments, and in the paper's matrices D and P
+ABSENT = -1
+"""Stands where there is no street: in tables of nodes and segments, and in the paper's matrices D and P."""
 
 
 class NetworkError(SidestepError):
-    """A road network that cannot be: says which part is wrong."""
+    """An invalid road network; ``field`` names the argument at fault."""
 
 
 class RoadNetwork(eqx.Module):
     """Nodes and directed segments, padded so that every node has the same number of exits.
 
-    An *exit* is a way out of a node: exit k of node i is segment ``exit_segment[i, k]`` and ends at
-    ``exit_node[i, k]``; both are -1 where the node has fewer exits. On grids the exits are the paper's
-    actions (eq. 11): 0 up, 1 down, 2 right, 3 left.
+    Exit k of node i is the segment ``exit_segment[i, k]`` and leads to node ``exit_node[i, k]``; both are -1 where the
+    node has fewer exits. On grids the exits are the paper's actions (eq. 11): 0 up, 1 down, 2 right, 3 left.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> corners = [[0, 0], [300, 0], [0, 400]]
+    >>> network = sidestep.road_network(corners, tail=[0, 1, 0], head=[1, 2, 2], length=[300, 500, 400])
+    >>> network.nodes, network.segments, network.exits
+    (3, 3, 2)
+    >>> network.exit_node.tolist()
+    [[1, 2], [2, -1], [-1, -1]]
+    >>> network.distance_matrix().tolist()
+    [[-1.0, 300.0, 400.0], [-1.0, -1.0, 500.0], [-1.0, -1.0, -1.0]]
     """
 
-    position: Float[Array, "node 2"]  # x, y in metres
+    position: Float[Array, "node 2"]
+    """x and y in metres."""
     exit_node: Int[Array, "node exit"]
+    """Node that each exit leads to, -1 where there is none."""
     exit_segment: Int[Array, "node exit"]
-    tail: Int[Array, " segment"]  # node where a segment begins
-    head: Int[Array, " segment"]  # node where it ends
-    length: Float[Array, " segment"]  # m
-    width: Float[Array, " segment"]  # m
+    """Segment that each exit is, -1 where there is none."""
+    tail: Int[Array, " segment"]
+    """Node where each segment begins."""
+    head: Int[Array, " segment"]
+    """Node where each segment ends."""
+    length: Float[Array, " segment"]
+    """Metres."""
+    width: Float[Array, " segment"]
+    """Metres."""
 
     @property
     def nodes(self) -> int:
@@ -54,20 +74,48 @@ class RoadNetwork(eqx.Module):
         return self.exit_node != ABSENT
 
     def distance_matrix(self) -> Float[Array, "node node"]:
-        """Lengths in metres from node i to node j, -1 where no segment leads there (the paper's D, eq. 1)."""
+        """Arrange lengths as the paper's matrix D (eq. 1).
+
+        Returns
+        -------
+        Float[Array, "node node"]
+            Metres from node i to node j, -1 where no segment leads there.
+        """
         return self.matrix(self.length)
 
     def matrix(self, value: Float[Array, " segment"]) -> Float[Array, "node node"]:
-        """A value per segment as a node-by-node matrix, -1 where there is no segment (eqs. 1 and 2)."""
+        """Arrange a value per segment as a node-by-node matrix (the paper's eqs. 1 and 2).
+
+        Parameters
+        ----------
+        value
+            One number for each segment.
+
+        Returns
+        -------
+        Float[Array, "node node"]
+            The value of the segment from node i to node j, -1 where there is none.
+        """
         return jnp.full((self.nodes, self.nodes), float(ABSENT)).at[self.tail, self.head].set(value)
 
     def straight_line(self, node: Int[Array, ""], destination: Int[Array, ""]) -> Float[Array, ""]:
-        """Distance in metres as the crow flies (the paper's phi)."""
+        """Compute the straight-line distance to a destination (the paper's phi).
+
+        Parameters
+        ----------
+        node, destination
+            Nodes.
+
+        Returns
+        -------
+        Float[Array, ""]
+            Metres.
+        """
         return jnp.linalg.norm(self.position[node] - self.position[destination])
 
 
 def road_network(
-    position: np.ndarray,
+    position: Sequence[Sequence[float]] | np.ndarray,
     tail: Sequence[int] | np.ndarray,
     head: Sequence[int] | np.ndarray,
     length: Sequence[float] | np.ndarray,
@@ -81,7 +129,7 @@ def road_network(
     Parameters
     ----------
     position
-        Nodes' x and y in metres, shape (node, 2).
+        x and y of the nodes in metres, shape (node, 2).
     tail, head
         Node where each segment begins and ends.
     length, width
@@ -91,85 +139,95 @@ def road_network(
     exits
         Number of exits to pad to; by default as many as the busiest node has.
 
+    Returns
+    -------
+    RoadNetwork
+        The network.
+
     Raises
     ------
     NetworkError
         Unknown nodes, loops, lengths or widths that are not positive, unknown exits, two segments on one exit.
+
+    Examples
+    --------
+    A street of 80 m, walked in both directions, and a one-way street of 60 m:
+
+    >>> import sidestep
+    >>> network = sidestep.road_network(
+    ...     [[0, 0], [80, 0], [80, 60]], tail=[0, 1, 1], head=[1, 0, 2], length=[80, 80, 60], width=[3, 3, 1.5]
+    ... )
+    >>> network.exit_segment.tolist()
+    [[0, -1], [1, 2], [-1, -1]]
     """
     position = np.asarray(position, np.float32)
     tail, head = np.asarray(tail, np.int32), np.asarray(head, np.int32)
-    length = np.asarray(length, np.float32)
-    width = np.asarray(width, np.float32)
+    length, width = np.asarray(length, np.float32), np.asarray(width, np.float32)
     if width.shape not in ((), length.shape):
-        raise NetworkError(f"there are {len(length)} segments, but {len(width)} widths")
+        raise NetworkError(f"there are {len(length)} segments, but {len(width)} widths", field="width")
     width = np.broadcast_to(width, length.shape)
-    nodes = len(position)
-    if len(tail) == 0 or not len(tail) == len(head) == len(length):
-        raise NetworkError(f"a network needs segments: {len(tail)} tails, {len(head)} heads, {len(length)} lengths")
-    _check_segments(tail, head, length, width, nodes)
-    if exit_of is None:
-        exit_of = _rank_within(tail)
-    exit_of = np.asarray(exit_of, np.int32)
+    nodes, segments = len(position), len(tail)
+    if segments == 0 or not segments == len(head) == len(length):
+        raise NetworkError(
+            f"a network needs a tail, a head and a length for each segment: there are {segments} tails, "
+            f"{len(head)} heads and {len(length)} lengths",
+            field="tail",
+        )
+    check_edges(
+        NetworkError, "segment", nodes, ends={"tail": tail, "head": head}, metres={"length": length, "width": width}
+    )
+    exit_of = np.asarray(_rank_within(tail) if exit_of is None else exit_of, np.int32)
     exits = int(exit_of.max()) + 1 if exits is None else exits
-    if exit_of.min() < 0 or exit_of.max() >= exits:
-        raise NetworkError(f"exits are numbered 0 to {exits - 1}, but there are {exit_of.min()} to {exit_of.max()}")
+    known = (exit_of >= 0) & (exit_of < exits)
+    check_each(NetworkError, "segment", "exit_of", exit_of, known, f"be an exit, 0 to {exits - 1}")
+    slot = tail.astype(np.int64) * exits + exit_of
+    _, first, which = np.unique(slot, return_index=True, return_inverse=True)
+    alone = first[which] == np.arange(segments)
+    check_each(NetworkError, "segment", "exit_of", exit_of, alone, "differ from that of other segments with its tail")
     exit_node = np.full((nodes, exits), ABSENT, np.int32)
     exit_segment = np.full((nodes, exits), ABSENT, np.int32)
-    slot = tail.astype(np.int64) * exits + exit_of
-    order = np.argsort(slot, kind="stable")
-    shared = slot[order[1:]] == slot[order[:-1]]
-    if shared.any():
-        # The one that comes first in the list, as if the segments were put in one by one.
-        segment = int(order[1:][shared].min())
-        other = int(np.argmax(slot == slot[segment]))
-        raise NetworkError(f"segments {other} and {segment} share exit {exit_of[segment]} of node {tail[segment]}")
-    exit_node.flat[slot], exit_segment.flat[slot] = head, np.arange(len(head))
+    exit_node.flat[slot], exit_segment.flat[slot] = head, np.arange(segments)
     return RoadNetwork(*map(jax.device_put, (position, exit_node, exit_segment, tail, head, length, width)))
 
 
 def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:
-    """Several networks as one, with no street between them: their nodes and segments one after the other."""
+    """Join networks into one without streets between them; nodes and segments are numbered on in the order given.
+
+    Parameters
+    ----------
+    networks
+        At least one.
+
+    Returns
+    -------
+    RoadNetwork
+        All nodes and segments; one network alone is returned as it is.
+    """
     if len(networks) == 1:
         return networks[0]
-    exits = max(network.exits for network in networks)
-    nodes = np.cumsum([0, *(network.nodes for network in networks)])
-    segments = np.cumsum([0, *(network.segments for network in networks)])
-
-    def shifted(table: Array, by: int) -> np.ndarray:
-        padded = np.full((table.shape[0], exits), ABSENT, np.int32)
-        padded[:, : table.shape[1]] = table
-        return np.where(padded == ABSENT, ABSENT, padded + by)
-
-    def joined(parts: Iterable[np.ndarray]) -> Array:
-        return jnp.asarray(np.concatenate(list(parts)))
-
-    counted = list(zip(networks, nodes.tolist(), segments.tolist(), strict=False))
-    return RoadNetwork(
-        position=joined(np.asarray(network.position) for network in networks),
-        exit_node=joined(shifted(network.exit_node, node) for network, node, _ in counted),
-        exit_segment=joined(shifted(network.exit_segment, segment) for network, _, segment in counted),
-        tail=joined(np.asarray(network.tail) + np.int32(node) for network, node, _ in counted),
-        head=joined(np.asarray(network.head) + np.int32(node) for network, node, _ in counted),
-        length=joined(np.asarray(network.length) for network in networks),
-        width=joined(np.asarray(network.width) for network in networks),
+    first_node = np.cumsum([0, *(network.nodes for network in networks)]).tolist()
+    shifted = list(zip(networks, first_node, strict=False))
+    return road_network(
+        np.concatenate([network.position for network in networks]),
+        np.concatenate([np.asarray(network.tail) + first for network, first in shifted]),
+        np.concatenate([np.asarray(network.head) + first for network, first in shifted]),
+        np.concatenate([network.length for network in networks]),
+        width=np.concatenate([network.width for network in networks]),
+        exit_of=np.concatenate([_exit_of(network) for network in networks]),
+        exits=max(network.exits for network in networks),
     )
 
 
-def _check_segments(tail: np.ndarray, head: np.ndarray, length: np.ndarray, width: np.ndarray, nodes: int) -> None:
-    for name, ends in (("tail", tail), ("head", head)):
-        if ends.min() < 0 or ends.max() >= nodes:
-            worst = int(np.argmax((ends < 0) | (ends >= nodes)))
-            raise NetworkError(f"segment {worst} has {name} {ends[worst]}, but there are {nodes} nodes")
-    for name, metres in (("length", length), ("width", width)):
-        if not (np.isfinite(metres) & (metres > 0)).all():
-            worst = int(np.argmin(np.isfinite(metres) & (metres > 0)))
-            raise NetworkError(f"segment {worst} has {name} {metres[worst]} m; it must be positive")
-    if (tail == head).any():
-        loop = int(np.argmax(tail == head))
-        raise NetworkError(f"segment {loop} begins and ends at node {tail[loop]}")
+def _exit_of(network: RoadNetwork) -> Int[np.ndarray, " segment"]:
+    """Which exit of its tail each segment is."""
+    exit_segment = np.asarray(network.exit_segment)
+    node, number = np.nonzero(exit_segment != ABSENT)
+    exit_of = np.empty(network.segments, np.int32)
+    exit_of[exit_segment[node, number]] = number
+    return exit_of
 
 
-def _rank_within(group: np.ndarray) -> np.ndarray:
+def _rank_within(group: Int[np.ndarray, " item"]) -> Int[np.ndarray, " item"]:
     """0, 1, 2, … within each group, in order of appearance."""
     order = np.argsort(group, kind="stable")
     ordered = group[order]

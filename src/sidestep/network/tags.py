@@ -1,15 +1,14 @@
-"""What OpenStreetMap's tags say about a way: whether it is walked, in which direction, and how much room there is."""
+"""What OpenStreetMap's tags mean for walkers: which ways are walked, in which direction, and how wide they are."""
 
 import math
 import re
 from collections.abc import Mapping
+from enum import IntEnum
 
 from sidestep.errors import SidestepError
 
 Tags = Mapping[str, str]
 
-# The room that people have, in metres, where no tag says it. Ways of their own are walked on their whole width; on
-# roads it is that of two pavements, since the carriageway is not walked, whatever its `width` says.
 WIDTHS: Mapping[str, float] = {
     "bridleway": 2.0,
     "corridor": 3.0,
@@ -32,20 +31,23 @@ WIDTHS: Mapping[str, float] = {
     "trunk_link": 4.0,
     "unclassified": 3.0,
 }
-UNKNOWN_WIDTH = 2.0  # m, a kind of street that is not in the table: it can come with a GraphML file of others
-NARROWEST, WIDEST = 0.3, 100.0  # m; what is beyond them is a mistyped tag
+"""Metres available to walkers by kind of street, where no tag gives a width.
 
-WHOLE = frozenset(
+On roads this is the width of two pavements: the carriageway is not walked, whatever its ``width`` tag says.
+"""
+UNKNOWN_WIDTH = 2.0
+"""Metres for kinds that are not in the table; GraphML files from elsewhere have them."""
+NARROWEST, WIDEST = 0.3, 100.0
+"""Metres; tags beyond these are mistyped."""
+FULL_WIDTH = frozenset(
     {"bridleway", "corridor", "cycleway", "footway", "living_street", "path", "pedestrian", "steps", "track"}
 )
-"""Kinds that are walked on their whole width."""
+"""Kinds that are walked on their full width; the others are roads, walked on their pavements."""
 
 _ALLOWED = frozenset({"yes", "designated", "permissive", "official"})
 _FORBIDDEN = frozenset({"no", "private"})
-_BY_LEAVE = frozenset({"cycleway", "bridleway", "trunk", "trunk_link"})  # walked only where a tag says so
-_BUSY = frozenset(
-    {"primary", "primary_link", "secondary", "secondary_link", "trunk", "trunk_link"}
-)  # not walked on without a pavement
+_NEED_A_TAG = frozenset({"cycleway", "bridleway", "trunk", "trunk_link"})  # walked only where a tag says so
+_NEED_PAVEMENT = frozenset({"primary", "primary_link", "secondary", "secondary_link", "trunk", "trunk_link"})
 _LENGTH = re.compile(
     r"\s*(\d+(?:[.,]\d+)?|[.,]\d+)\s*(m|metres?|meters?|ft|feet|')?\s*(?:(\d+(?:\.\d+)?)\s*\")?\s*", re.ASCII
 )
@@ -53,75 +55,120 @@ _FOOT, _INCH = 0.3048, 0.0254
 
 
 class WidthError(SidestepError):
-    """A width that was asked for and cannot be."""
+    """An invalid width for a kind of street; ``field`` is ``widths`` and the kind."""
 
 
-def refusal(tags: Tags) -> str | None:
-    """Why a way with a `highway` tag is not walked, or None where it is.
+class CrossingKind(IntEnum):
+    """What a node means to people who walk past it."""
 
-    What is said of walkers (`foot`) counts more than what is said of all (`access`). A road whose pavements are ways
-    of their own (`sidewalk=separate`) is not walked, or everybody would have three parallel streets to choose from.
+    NONE = 0
+    """No crossing of vehicle traffic."""
+    UNSIGNALISED = 1
+    """A crossing of vehicle traffic without signals."""
+    SIGNALS = 2
+    """A crossing of vehicle traffic with signals."""
+
+
+def exclusion_reason(tags: Tags) -> str | None:
+    """Tell why a way is not walked.
+
+    ``foot`` takes precedence over ``access``. A road whose pavements are mapped as separate ways
+    (``sidewalk=separate``) is excluded, or walkers would have three parallel streets to choose from.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, ``highway`` among them.
+
+    Returns
+    -------
+    str or None
+        The reason, as reports have it; None for a way that is walked.
     """
-    kind, foot = tags["highway"], tags.get("foot")
+    kind, sides = tags["highway"], _sides(tags)
+    foot = tags.get("foot")
     allowed = foot in _ALLOWED
-    why = None
+    reason = None
     if kind not in WIDTHS:
-        why = "way: not a kind that is walked"
+        reason = "way: not a walkable kind"
     elif foot == "use_sidepath":
-        why = "way: its pavements are ways of their own"
+        reason = "way: pavements mapped separately"
     elif foot in _FORBIDDEN or (tags.get("access") in _FORBIDDEN and not allowed):
-        why = "way: no access"
-    elif kind in _BY_LEAVE and not allowed and "yes" not in _sides(tags):
-        why = "way: walked only where a tag says so"
-    elif kind not in WHOLE:
-        sides = _sides(tags)
+        reason = "way: no access"
+    elif kind in _NEED_A_TAG and not allowed and "yes" not in sides:
+        reason = "way: not tagged as walkable"
+    elif kind not in FULL_WIDTH:
         if "separate" in sides and set(sides) <= {"separate", "no"}:
-            why = "way: its pavements are ways of their own"
-        elif kind in _BUSY and sides == ("no", "no") and not allowed:
-            why = "way: no pavement"
-    return why
+            reason = "way: pavements mapped separately"
+        elif kind in _NEED_PAVEMENT and sides == ("no", "no") and not allowed:
+            reason = "way: no pavement"
+    return reason
 
 
 def direction(tags: Tags) -> int:
-    """1 where people walk only as the way is drawn, -1 only against it, 0 both ways.
+    """Tell in which direction a way is walked.
 
-    `oneway` speaks of vehicles. It is taken to speak of walkers only on footways, steps and corridors where nobody
-    cycles; `oneway:foot` counts everywhere and before it, and escalators carry people one way.
+    ``oneway:foot`` counts everywhere, and escalators (``conveying``) carry people one way. ``oneway`` is about
+    vehicles; it counts for walkers only on footways, steps and corridors where cycling is not allowed.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, ``highway`` among them.
+
+    Returns
+    -------
+    int
+        1 only as it is drawn, -1 only against that, 0 both ways.
     """
-    conveying = tags.get("conveying")
-    if conveying in ("forward", "backward"):
-        return 1 if conveying == "forward" else -1
-    value = tags.get("oneway:foot")
+    value = {"forward": "yes", "backward": "-1"}.get(tags.get("conveying", ""), tags.get("oneway:foot"))
     if value is None and tags["highway"] in ("footway", "steps", "corridor") and tags.get("bicycle") not in _ALLOWED:
         value = tags.get("oneway")
-    if value in ("yes", "true", "1"):
-        return 1
-    return -1 if value in ("-1", "reverse") else 0
+    return {"yes": 1, "true": 1, "1": 1, "-1": -1, "reverse": -1}.get(value or "", 0)
 
 
-def room(tags: Tags, table: Mapping[str, float] = WIDTHS) -> tuple[float, bool]:
-    """Width in metres that walkers have on a way, and whether a tag about it made no sense and was passed over.
+def walkable_width(tags: Tags, table: Mapping[str, float] = WIDTHS) -> tuple[float, bool]:
+    """Tell how wide a way is for walkers.
 
-    On a road with a pavement on one side, or none, the table's width is halved.
+    Roads with a pavement on one side, or none, have half the table's width.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, ``highway`` among them.
+    table
+        Metres by kind of street where no tag gives a width.
+
+    Returns
+    -------
+    float, bool
+        Metres, and whether an unreadable width tag was ignored.
     """
     kind = tags["highway"]
-    if kind in WHOLE:
-        said = [parse_width(tags[key]) for key in ("width", "est_width") if key in tags]
-        found = next((width for width in said if width is not None), None)
-        return (table[kind] if found is None else found), None in said
-    sides = _sides(tags)
-    walked = [side for side, state in zip(("left", "right"), sides, strict=True) if state not in ("no", "separate")]
-    total, nonsense = 0.0, False
-    for side in walked or ["both"]:
-        keys = (f"sidewalk:{side}:width", "sidewalk:both:width", "sidewalk:width")
-        said = [parse_width(tags[key]) for key in keys if key in tags]
-        nonsense |= None in said
-        total += next((width for width in said if width is not None), table[kind] / 2)
-    return total, nonsense
+    if kind in FULL_WIDTH:
+        return _first_width(tags, ("width", "est_width"), table[kind])
+    sides = zip(("left", "right"), _sides(tags), strict=True)
+    walked = [side for side, state in sides if state not in ("no", "separate")] or ["both"]
+    widths = [
+        _first_width(tags, (f"sidewalk:{side}:width", "sidewalk:both:width", "sidewalk:width"), table[kind] / 2)
+        for side in walked
+    ]
+    return sum(width for width, _ in widths), any(ignored for _, ignored in widths)
 
 
 def parse_width(text: str) -> float | None:
-    """Metres from "3", "3.5 m", "12'" or "10 ft"; None where it is nonsense or beyond 0.3 to 100 m."""
+    """Read a width.
+
+    Parameters
+    ----------
+    text
+        Such as "3", "3.5 m", "12'" or "10 ft".
+
+    Returns
+    -------
+    float or None
+        Metres; None if unreadable or not 0.3 to 100 m.
+    """
     match = _LENGTH.fullmatch(text[:40].lower())
     if match is None:
         return None
@@ -134,41 +181,67 @@ def parse_width(text: str) -> float | None:
 
 
 def width_table(changes: Mapping[str, float] | None) -> dict[str, float]:
-    """The table of widths with some of them changed.
+    """Change some widths of the table.
+
+    Parameters
+    ----------
+    changes
+        Metres by kind of street.
+
+    Returns
+    -------
+    dict
+        Metres for all kinds of streets that are walked.
 
     Raises
     ------
     WidthError
-        Unknown kinds, and widths that are not between 0.3 and 100 m.
+        Unknown kinds, and widths that are not 0.3 to 100 m.
     """
     for kind, width in (changes or {}).items():
         if kind not in WIDTHS:
-            raise WidthError(f"no width can be given for {kind!r:.60}; the kinds of streets are {', '.join(WIDTHS)}")
+            raise WidthError(
+                f"{kind!r:.60} is not a kind of street whose width can be set; the kinds are {', '.join(WIDTHS)}",
+                field="widths",
+            )
         if not (math.isfinite(width) and NARROWEST <= width <= WIDEST):
-            raise WidthError(f"the width of {kind} must be {NARROWEST} to {WIDEST:g} m, not {width}")
+            raise WidthError(
+                f"the width of {kind} must be {NARROWEST} to {WIDEST:g} m, not {width}", field=f"widths.{kind}"
+            )
     return {**WIDTHS, **(changes or {})}
 
 
-def standing(tags: Tags) -> int:
-    """What a node is to people who walk past: 2 a crossing with lights, 1 one without, 0 neither."""
+def crossing_kind(tags: Tags) -> CrossingKind:
+    """Tell whether a node is a crossing of vehicle traffic, and whether it has signals.
+
+    Parameters
+    ----------
+    tags
+        Tags of the node.
+
+    Returns
+    -------
+    CrossingKind
+        What it is.
+    """
     crossing = tags.get("crossing", "no")
-    if (
-        tags.get("highway") == "traffic_signals"
-        or crossing == "traffic_signals"
-        or tags.get("crossing:signals") == "yes"
-    ):
-        return 2
-    return int(tags.get("highway") == "crossing" or crossing != "no")
+    signals = tags.get("crossing:signals") == "yes"
+    if signals or "traffic_signals" in (crossing, tags.get("highway")):
+        return CrossingKind.SIGNALS
+    return CrossingKind(tags.get("highway") == "crossing" or crossing != "no")
+
+
+def _first_width(tags: Tags, keys: tuple[str, ...], default: float) -> tuple[float, bool]:
+    """Give the first readable width among some tags, and whether any of them is unreadable."""
+    given = [parse_width(tags[key]) for key in keys if key in tags]
+    return next((width for width in given if width is not None), default), None in given
 
 
 def _sides(tags: Tags) -> tuple[str | None, str | None]:
-    """What there is on the left and on the right: yes, no, separate, or None where no tag says it."""
-    plain = tags.get("sidewalk")
-    left = right = {"both": "yes", "yes": "yes", "separate": "separate", "no": "no", "none": "no"}.get(plain or "")
-    if plain in ("left", "right"):
-        left, right = ("yes", "no") if plain == "left" else ("no", "yes")
+    """Tell for the left and the right side: pavement (yes), no pavement (no), mapped separately, or unknown (None)."""
     known = {"yes": "yes", "no": "no", "none": "no", "separate": "separate"}
+    plain = tags.get("sidewalk", "")
+    either = {"left": ("yes", "no"), "right": ("no", "yes"), "both": ("yes", "yes")}
     both = known.get(tags.get("sidewalk:both", ""))
-    left = known.get(tags.get("sidewalk:left", ""), both or left)
-    right = known.get(tags.get("sidewalk:right", ""), both or right)
-    return left, right
+    left, right = (both or side for side in either.get(plain, (known.get(plain),) * 2))
+    return known.get(tags.get("sidewalk:left", ""), left), known.get(tags.get("sidewalk:right", ""), right)

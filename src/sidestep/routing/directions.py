@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.network.town import EARTH_RADIUS
+from sidestep.network.geodesy import EARTH_RADIUS
 
 SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import MAXYEAR, datetime
 from functools import partial
 from pathlib import Path
@@ -14,20 +14,19 @@ from jaxtyping import Array, Float
 
 from sidestep.crowds.counts import CountTable, read_counts
 from sidestep.crowds.profile import time_of_week
-from sidestep.crowds.sensors import SensorFlow
-from sidestep.crowds.table import TableFlow
 from sidestep.network.graph import ABSENT, RoadNetwork
-from sidestep.network.snap import Snapped, Snapper
-from sidestep.network.splice import Spliced, splice
+from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
 from sidestep.planners.base import Planner
 from sidestep.planners.reactive import Snapshot
 from sidestep.planners.shortest_path import ShortestPath, distances_to
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.plan import End, RequestFacts, StreetMap
 from sidestep.routing.request import Place, RouteError, RouteRequest, at_fault
-from sidestep.scenarios.build import sensors_of, town_of, with_live_counts
-from sidestep.scenarios.maps import ScenarioMap, knows_time
-from sidestep.scenarios.model import DAYS, Scenario, Venue
+from sidestep.scenarios.build import town_of
+from sidestep.scenarios.maps import ScenarioMap, with_live_counts
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.places import Grid, Venue
+from sidestep.scenarios.values import DAYS
 
 FUTURES = 200
 """Futures that are simulated by default."""
@@ -56,6 +55,9 @@ class LocatedRequest:
     clock: float
     """Departure, seconds since the scenario's start."""
 
+    hours: tuple[float, ...]
+    """Hour of the week at clock 0."""
+
     futures: int = FUTURES
     """Futures that are simulated by default."""
 
@@ -74,14 +76,14 @@ class LocatedRequest:
 class TownRequest(LocatedRequest):
     """A request in a town, whose streets have names and coordinates."""
 
-    spliced: Spliced
+    streets: SplitStreets
 
     def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
-        town, street_of = self.spliced.town, self.spliced.street
+        town, street_of = self.streets.town, self.streets.street
 
         def named(leg: Leg) -> Leg:
             street = int(street_of[leg.segment])
-            course = np.round(self.spliced.course(leg.segment), 7).tolist()
+            course = np.round(self.streets.course(leg.segment), 7).tolist()
             return replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
 
         densest = np.zeros(town.streets, density.dtype)
@@ -96,9 +98,11 @@ def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteReq
     It raises a :class:`SidestepError`, whose ``field`` names the field of the request, for nodes that do not exist,
     places outside the town, ends that no way connects, and departures and live counts for which crowds are not known.
     """
-    if scenario.venue is None:
-        return partial(_locate_on_grid, scenario, scenario_map)
-    return TownLocator(scenario, scenario_map, scenario.venue).locate
+    match scenario.place:
+        case Grid():
+            return partial(_locate_on_grid, scenario, scenario_map)
+        case Venue() as venue:
+            return TownLocator(scenario, scenario_map, venue).locate
 
 
 def _either_end(request: RouteRequest, nodes: int) -> list[tuple[str, Place]]:
@@ -135,7 +139,12 @@ def _locate_on_grid(scenario: Scenario, scenario_map: ScenarioMap, request: Rout
         expected_crowds="those that the scenario expects",
     )
     return LocatedRequest(
-        request=request, facts=facts, scenario=scenario, scenario_map=scenario_map, clock=60 * minutes
+        request=request,
+        facts=facts,
+        scenario=scenario,
+        scenario_map=scenario_map,
+        clock=60 * minutes,
+        hours=(0.0,),
     )
 
 
@@ -145,19 +154,16 @@ class TownLocator:
     def __init__(self, scenario: Scenario, scenario_map: ScenarioMap, venue: Venue) -> None:
         self._scenario, self._map, self._venue = scenario, scenario_map, venue
         self._snapper = Snapper(town_of(venue.streets))
-        self._source = Path(venue.counts).name
-        self._sensors = None if venue.tabled else len(sensors_of(venue))
-        # Crowds exactly as in a table, and nobody waits at lights: all futures are alike.
-        self._futures = 1 if venue.tabled and venue.noise[1] == 0 and venue.traffic is None else FUTURES
+        self._source = Path(venue.crowd_source.file).name
+        self._sensors = len(set(scenario_map.sensors)) or None
+        self._first_hour = venue.departure_hours(1)[0]
+        self._futures = 1 if venue.certain else FUTURES
 
     def locate(self, request: RouteRequest) -> LocatedRequest:
         """Find both ends on the streets, and the crowds at the departure."""
         hour, time, departs = self._departure(request.depart)
-        spliced, origin, destination = self._ends(request)
-        here = self._map.spliced(spliced)
-        if hour is not None:
-            here = here.beginning([hour])
-        here, counted = self._with_counts(here, request.live, time)
+        streets, origin, destination = self._ends(request)
+        here, counted = self._with_counts(self._map.on_pieces(streets), request.live, time)
         facts = RequestFacts(
             **_common(self._scenario, request),
             origin=origin,
@@ -167,26 +173,27 @@ class TownLocator:
             hour_of_week=hour,
             sensors=self._sensors,
             counted_sensors=counted,
-            attribution=spliced.town.attribution,
-            crowds=self._crowds(),
+            attribution=streets.town.attribution,
+            crowds=self._venue.attribution,
             expected_crowds=self._expected_crowds(hour, counted),
         )
         return TownRequest(
             request=request,
             facts=facts,
-            scenario=replace(self._scenario, departures=(0.0, 0.0)),  # so that no slots are drawn that nobody walks in
+            scenario=self._scenario.changed(departures=(0.0, 0.0)),  # so that no slots are drawn that nobody walks in
             scenario_map=here,
             clock=0.0,
+            hours=(self._first_hour if hour is None else hour,),
             futures=self._futures,
             live_futures=LIVE_FUTURES,
             baselines=(ShortestPath(), Snapshot()),
-            spliced=spliced,
+            streets=streets,
         )
 
     def _departure(self, depart: datetime | float | None) -> tuple[float | None, datetime | None, str]:
         """Hour of the week and local time, where there are such, and both for people."""
         flow = self._map.flow
-        if not knows_time(flow):
+        if not flow.timed:
             if depart is None:
                 return None, None, "as the table begins"
             raise RouteError(
@@ -194,7 +201,7 @@ class TownLocator:
                 field="depart",
             )
         if depart is None:
-            hour, time = self._venue.starts(1)[0], None
+            hour, time = self._first_hour, None
             departs = _day_and_time(hour)
         elif isinstance(depart, datetime) and depart.tzinfo is None and depart.year < MAXYEAR:
             hour, time = time_of_week(depart), depart
@@ -204,35 +211,31 @@ class TownLocator:
                 f"the departure must be a local time without zone, such as 2025-05-24T12:30, not {depart}",
                 field="depart",
             )
-        if isinstance(flow, TableFlow) and flow.begins is not None and not flow.covers(hour):
-            raise RouteError(
-                f"{self._source} covers {flow.span / 3600:g} hours from {_day_and_time(flow.begins)} on, "
-                f"but the departure is {departs}",
-                field="depart",
-            )
+        if not flow.covers(hour):
+            raise RouteError(f"{self._source} has no crowds for {departs}; depart when it has", field="depart")
         return hour, time, departs
 
-    def _ends(self, request: RouteRequest) -> tuple[Spliced, End, End]:
+    def _ends(self, request: RouteRequest) -> tuple[SplitStreets, End, End]:
         """Both ends, on streets that are split there, so that either end of the street can be walked to."""
         town = self._snapper.town
         asked = _either_end(request, town.nodes)
-        found: list[int | Snapped] = []
+        found: list[int | StreetPoint] = []
         for name, place in asked:
             with at_fault(name):
                 found.append(place if isinstance(place, int) else self._snapper.nearest(*place))
-        spliced = padded(splice(town, found))
-        origin, destination = map(self._end, spliced.nodes, found, (place for _, place in asked))
-        network, way = spliced.network, f"{origin.asked} to {destination.asked}"
+        streets = padded(split_streets(town, found))
+        origin, destination = map(self._end, streets.nodes, found, (place for _, place in asked))
+        network, way = streets.network, f"{origin.asked} to {destination.asked}"
         if origin.node == destination.node:
             raise RouteError(f"{way} is no way: both are the same place on these streets", field="destination")
         away = distances_to(network, np.asarray(network.length), destination.node)
         if not math.isfinite(away[origin.node]):
             raise RouteError(f"no way leads from {way}; streets may be one-way or unconnected", field="destination")
-        return spliced, origin, destination
+        return streets, origin, destination
 
-    def _end(self, node: int, found: int | Snapped, asked: Place) -> End:
-        if isinstance(found, Snapped) and not isinstance(asked, int):
-            return End(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.away)
+    def _end(self, node: int, found: int | StreetPoint, asked: Place) -> End:
+        if isinstance(found, StreetPoint) and not isinstance(asked, int):
+            return End(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
         longitude, latitude = self._snapper.town.place[node].tolist()
         return End(node, f"crossing {node}", latitude, longitude)
 
@@ -242,7 +245,7 @@ class TownLocator:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""
         if live is None:
             return here, None
-        if not isinstance(here.flow, SensorFlow):
+        if self._sensors is None:
             raise RouteError(
                 f"live counts are of sensors, but the crowds of {self._scenario.name} come from a table", field="live"
             )
@@ -250,36 +253,23 @@ class TownLocator:
             raise RouteError("live counts need a departure with its day, such as 2025-05-24T12:30", field="depart")
         with at_fault("live"):
             counts = live if isinstance(live, CountTable) else read_counts(Path(live))
-            flow, counted = with_live_counts(self._venue, here.flow, counts, time)
-        return replace(here, flow=flow), counted
-
-    def _crowds(self) -> str:
-        venue, source = self._venue, f"counts of {self._source}"
-        if venue.tabled:
-            return f"table {self._source}"
-        if venue.counts == "auckland":
-            source = "Auckland's counts (Heart of the City Auckland, CC BY 4.0)"
-        paired = not venue.sensors or any(sensor.place is None for sensor in venue.sensors)
-        return f"{source}, paired with these streets by a seed (synthetic)" if paired else source
+            return with_live_counts(here, counts, time)
 
     def _expected_crowds(self, hour: float | None, counted: int | None) -> str:
         if hour is None:
             return "those of the table from its first slot on"
-        whose = "of the table" if self._venue.tabled else "that are usual"
+        whose = "of the table" if self._sensors is None else "that are expected"
         more = "" if counted is None else f", and go on from current counts of {counted} of {self._sensors} sensors"
         return f"those {whose} at this hour of the week, whatever the date{more}"
 
 
 def _common(scenario: Scenario, request: RouteRequest) -> dict[str, Any]:
     """Facts of any request."""
-    venue, synthetic = scenario.venue, "streets and crowds are synthetic"
-    if venue is not None:
-        synthetic = "" if venue.crowding == 1 else f"demand {venue.crowding:g} × the counts (an invented event day)"
     return {
         "scenario": scenario.name,
-        "objective": None if scenario.objective is None else asdict(scenario.objective),
+        "objective": scenario.objective.to_json(),
         "by_minutes": request.by,
-        "synthetic": synthetic,
+        "synthetic": scenario.place.synthetic,
     }
 
 
@@ -288,13 +278,13 @@ def _day_and_time(hour: float) -> str:
     return f"{DAYS[day % 7]} {minute // 60:02}:{minute % 60:02}"
 
 
-def padded(spliced: Spliced) -> Spliced:
+def padded(streets: SplitStreets) -> SplitStreets:
     """The same streets with arrays as large as for two ends in the middle of streets.
 
     No exit leads to the spare nodes and segments, which are copies of the first segment: no walk, no search and no
     cost to go knows of them.
     """
-    town, network = spliced.town, spliced.network
+    town, network = streets.town, streets.network
     more = town.nodes + SPARE_NODES - network.nodes
     extra = len(town.street_of_segment()[0]) + SPARE_SEGMENTS - network.segments
     kept = np.append(np.arange(network.segments), np.zeros(extra, int))
@@ -308,10 +298,10 @@ def padded(spliced: Spliced) -> Spliced:
     exits = (nodes(network.exit_node, ABSENT), nodes(network.exit_segment, ABSENT))
     of_segments = map(segments, (network.tail, network.head, network.length, network.width))
     return replace(
-        spliced,
+        streets,
         network=RoadNetwork(nodes(network.position, 0), *exits, *of_segments),
-        parent=spliced.parent[kept],
-        street=spliced.street[kept],
-        begin=spliced.begin[kept],
-        end=spliced.end[kept],
+        parent=streets.parent[kept],
+        street=streets.street[kept],
+        begin=streets.begin[kept],
+        end=streets.end[kept],
     )

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.environment.types import Level
-from sidestep.network.town import Town, metres_between
+from sidestep.network.geodesy import metres_between
+from sidestep.network.town import Town
 from sidestep.routing.directions import Leg, Step
 from sidestep.routing.formats import Waypoint, feature, gpx, table
 from sidestep.routing.request import NO_COORDINATES, RouteError

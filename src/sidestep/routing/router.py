@@ -6,7 +6,7 @@ from pathlib import Path
 from sidestep.crowds.counts import CountTable
 from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, load_planners
-from sidestep.planners.registry import BASELINES, REPLANNING
+from sidestep.planners.registry import BASELINE, find_planner
 from sidestep.routing.locate import LocatedRequest, locator
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import Place, RouteError, RouteRequest, at_fault, read_departure, read_place
@@ -59,8 +59,7 @@ class Router:
             self._learned = load_planners([] if model is None else [Path(model)], self.scenario, seed)
         if self._learned.index not in (None, index):
             raise RouteError(f"the model remembers map {self._learned.index}, not {index}", field="model")
-        self._planners = {**BASELINES, **REPLANNING, **self._learned.factories}
-        self._default = "expected" if model is None else Darp.name
+        self._default = BASELINE if model is None else Darp.name
 
     def plan(
         self,
@@ -95,18 +94,14 @@ class Router:
         return plan_located(located, self._planner(located))
 
     def _planner(self, located: LocatedRequest) -> Planner:
-        name = located.request.planner or self._default
-        if not isinstance(name, str):
-            return name
-        if name not in self._planners:
-            hint = f"; {name} needs a model" if name == Darp.name else ""
-            raise RouteError(f"unknown planner {name!r}; there are {', '.join(self._planners)}{hint}", field="planner")
-        if name in self._learned.factories:
+        planner = located.request.planner or self._default
+        if not isinstance(planner, str):
+            return planner
+        if planner in self._learned.factories:
             self._check_learned(located)
-        planner = self._planners[name](self._map, self._index)
-        if planner is None:
-            raise RouteError(f"{name} does not walk map {self._index}", field="planner")
-        return planner
+            return self._learned.factories[planner](self._map, self._index)
+        with at_fault("planner"):
+            return find_planner(planner)
 
     def _check_learned(self, located: LocatedRequest) -> None:
         """Refuse ends that a model does not know which remembers nodes."""

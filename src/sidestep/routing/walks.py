@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from sidestep.environment.costs import cross, with_mean_waits
+from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
-from sidestep.environment.types import Crossing, EnvParams, Instance
-from sidestep.evaluation.metrics import spread, totals_of
+from sidestep.environment.types import EnvParams, Instance
+from sidestep.evaluation.metrics import spread
 from sidestep.planners.base import Plan, Planner, Route, routes, walk_plan
 from sidestep.planners.reactive import Snapshot
 from sidestep.routing.directions import Leg, crowding_word, mean_density
@@ -22,7 +22,7 @@ from sidestep.routing.plan import BaselineTimes, RoutePlan, WalkTimes
 from sidestep.routing.request import RouteError
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
-from sidestep.walking.objective import Objective
+from sidestep.walking.objective import Crossing
 
 T = TypeVar("T")
 FIRST_SLOTS = 4
@@ -120,14 +120,22 @@ class _Walker:
     @staticmethod
     def of(located: LocatedRequest, futures: int) -> "_Walker":
         scenario, here = located.scenario, located.scenario_map
-        goals = np.array([[located.facts.destination.node]])
-        params = make_environment(scenario, here, "test", futures, level="map", destinations=goals, densities=True)
+        params = make_environment(
+            scenario,
+            here,
+            "test",
+            futures,
+            level="map",
+            destinations=np.array([[located.facts.destination.node]]),
+            hours=located.hours,
+            densities=True,
+        )
         return _Walker(located, params, purpose_key(here, "test"))
 
     @property
     def alone(self) -> EnvParams:
         """The expected crowds as the only future."""
-        return replace(with_mean_waits(self.params), futures=self.params.expected)
+        return as_expected(self.params)
 
     def expected_route(self, planner: Planner) -> Route:
         """All of the walk through the expected crowds, however long it is."""
@@ -153,8 +161,9 @@ class _Walker:
 
         params = replace(self.params, futures=self.params.futures.first(futures))
         walked = self._informed(planner, params, 1.2 * seconds, through)
-        totals, minutes = totals_of(walked), np.asarray(walked.seconds, np.float64) / 60
-        return _Walks(planner, minutes, np.asarray(walked.arrived), None if totals is None else totals.exposure)
+        minutes, exposure = np.asarray(walked.seconds, np.float64) / 60, walked.measures.get("exposure")
+        met = None if exposure is None else np.asarray(exposure, np.float64)
+        return _Walks(planner, minutes, np.asarray(walked.arrived), met)
 
     def baselines(self, walks: _Walks, seconds: float) -> dict[str, BaselineTimes]:
         """Other planners in the same futures; those that see all counts in the first of them."""
@@ -213,7 +222,7 @@ def _cross(params: EnvParams, segment: Array, clock: Array) -> Crossing:
 
 def _legs(alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route) -> list[Leg]:
     """The segments of a route through the expected crowds, whose densities are given in persons/m²."""
-    params = replace(alone, objective=alone.objective or Objective())  # with one, crossings tell the crowds they met
+    params = replace(alone, objective=alone.objective.measured())  # crossings then tell the crowds that they met
     length, expected = np.asarray(alone.network.length), alone.expected
 
     def leg(segment: int, before: float, after: float) -> Leg:
@@ -224,8 +233,8 @@ def _legs(alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: R
             metres=float(length[segment]),
             minutes=(after - before) / 60,
             density=float(density[segment, slot]),
-            exposure=float(jnp.asarray(crossed.exposure)),
-            too_dense=bool(crossed.too_dense),
+            exposure=float(crossed.measures["exposure"]),
+            too_dense=bool(crossed.measures["too_dense"]),
         )
 
     return list(map(leg, route.segments, route.clocks, route.clocks[1:]))

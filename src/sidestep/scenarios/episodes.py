@@ -1,23 +1,81 @@
 """Which walks are walked: origins, destinations, departures and futures."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
-from sidestep.environment.instances import InstanceSampler
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.scenarios.build import check_ways
 from sidestep.scenarios.maps import ScenarioMap
-from sidestep.scenarios.model import Scenario, ScenarioError
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.stations import check_ways
 from sidestep.walking.waits import GOLDEN
 
+DRAWS = 4
+"""Uniform numbers that one instance takes."""
+_ORIGINS = 1_000  # beyond the numbers of purposes
 
-def standard_destinations(parts: tuple[int, ...], destinations: int) -> Int[np.ndarray, "goal part"]:
-    """Where walks may go: on each part its upper right corner, then other nodes, all different, as many as asked.
 
-    There is one node of each part to a goal, and no part's first node is among them. The other nodes depend on the
-    size of the map alone, so that a model and those it is compared with mean the same ones.
+class InstanceSampler(eqx.Module):
+    """Independent uniform draws of a destination, and then of an origin, a departure and a future for it."""
+
+    origins: Int[Array, "destination origin"]
+    """Nodes where walks to each destination begin."""
+    destinations: Int[Array, "destination origin"]
+    """Nodes where a walk to this destination from each origin ends; parts of a map have their own."""
+    departures: Float[Array, "2"]
+    """Earliest and latest clock, in s."""
+    futures: Int[Array, "destination future"]
+    """Numbers of the futures for each destination, then others."""
+    counts: Int[Array, " destination"]
+    """How many futures there are for each destination."""
+
+    def sample(self, uniform: Float[Array, "4"]) -> Instance:
+        """Turn uniform numbers in [0, 1) into an instance.
+
+        Numbers, not a key, because drawing them for a whole chunk of training at once is many times cheaper.
+        """
+        destinations, origins = self.origins.shape
+        destination = _pick(destinations, uniform[1])
+        origin = _pick(origins, uniform[0])
+        earliest, latest = self.departures
+        return Instance(
+            origin=self.origins[destination, origin],
+            destination=self.destinations[destination, origin],
+            departure=earliest + (latest - earliest) * uniform[2],
+            future=self.futures[destination, _pick(self.counts[destination], uniform[3])],
+        )
+
+
+def _pick(count: Int[Array | np.ndarray, "*n"] | int, uniform: Float[Array, "*n"]) -> Int[Array, "*n"]:
+    """A number below a count."""
+    return jnp.minimum((uniform * count).astype(jnp.int32), count - 1)
+
+
+def standard_destinations(parts: tuple[int, ...], destinations: int) -> Int[np.ndarray, "destination part"]:
+    """Where walks on grids go: to the upper right corner of each part, then to other nodes, all different.
+
+    No part's first node is among them. The other nodes depend on the size of the map alone, so that a model and those
+    it is compared with mean the same ones.
+
+    Parameters
+    ----------
+    parts
+        Nodes of each part of the map.
+    destinations
+        How many.
+
+    Returns
+    -------
+    destinations
+        A node of each part for each destination.
+
+    Raises
+    ------
+    ScenarioError
+        More than there are, or none.
     """
     first = np.cumsum((0, *parts[:-1]))
     if not 1 <= destinations <= min(parts) - 1:
@@ -27,25 +85,38 @@ def standard_destinations(parts: tuple[int, ...], destinations: int) -> Int[np.n
     return np.stack([[nodes - 1, *rest] for nodes, rest in zip(parts, others, strict=True)], axis=1) + first
 
 
-def destinations_of(scenario_map: ScenarioMap, destinations: int) -> Int[np.ndarray, "goal part"]:
-    """Where walks on a map may go: those of :func:`destinations`, or some of its own destinations, where it has such.
+def destinations_of(scenario_map: ScenarioMap, destinations: int) -> Int[np.ndarray, "destination part"]:
+    """Where walks on a map go: to some of its own destinations, or else to the standard ones.
+
+    Parameters
+    ----------
+    scenario_map
+        The map.
+    destinations
+        How many.
+
+    Returns
+    -------
+    destinations
+        A node of each part of the map for each destination.
 
     Raises
     ------
     ScenarioError
-        More than there are.
+        More than there are, or none.
     """
-    if not scenario_map.ends:
-        spared = _only_origin(scenario_map)
-        if not spared:
-            return standard_destinations(scenario_map.parts, destinations)
-        # Nobody walks to where all walks begin.
-        every = standard_destinations(scenario_map.parts, scenario_map.network.nodes - 1)
-        return _some(every[~np.isin(every[:, 0], spared)], destinations)
-    return _some(np.random.default_rng(len(scenario_map.ends)).permutation(scenario_map.ends)[:, None], destinations)
+    own = scenario_map.destinations
+    if own:
+        return _some(np.random.default_rng(len(own)).permutation(own)[:, None], destinations)
+    spared = _only_origin(scenario_map)
+    if not spared:
+        return standard_destinations(scenario_map.parts, destinations)
+    # Nobody walks to where all walks begin.
+    every = standard_destinations(scenario_map.parts, scenario_map.network.nodes - 1)
+    return _some(every[~np.isin(every[:, 0], spared)], destinations)
 
 
-def _some(every: Int[np.ndarray, "any part"], destinations: int) -> Int[np.ndarray, "goal part"]:
+def _some(every: Int[np.ndarray, "any part"], destinations: int) -> Int[np.ndarray, "destination part"]:
     if not 1 <= destinations <= len(every):
         raise ScenarioError(f"there must be between 1 and {len(every)} destinations, not {destinations}")
     return every[:destinations]
@@ -55,38 +126,41 @@ def _only_origin(scenario_map: ScenarioMap) -> tuple[int, ...]:
     return scenario_map.origins if len(scenario_map.origins) == 1 else ()
 
 
-def set_out(
-    scenario: Scenario, scenario_map: ScenarioMap, destinations: Int[np.ndarray, "goal part"], first: int = 0
-) -> ScenarioMap:
-    """The place at the hours of the week at which people set out for each goal, where the scenario has such hours.
+def random_destinations(scenario_map: ScenarioMap, walks: int, part: int) -> Int[np.ndarray, "destination 1"]:
+    """As many destinations as walks, all different, drawn anew for each part of a comparison.
+
+    Where the map has destinations of its own they are among these, and there may be fewer: walks go to each in turn.
 
     Raises
     ------
     ScenarioError
-        A venue where somebody may come to a crossing from which there is no way on.
-    """
-    if scenario.venue is None:
-        return scenario_map
-    check_ways(scenario_map.network, scenario_map.origins, scenario_map.ends)
-    return scenario_map.beginning(scenario.venue.starts(len(destinations), first))
-
-
-def anywhere_to_anywhere(scenario_map: ScenarioMap, walks: int, part: int) -> Int[np.ndarray, "goal 1"]:
-    """As many destinations as walks, all different, drawn anew for each part of a comparison.
-
-    Where the map has destinations of its own they are among these, and there may be fewer: walks go to each in turn.
+        More walks than nodes to go to.
     """
     nodes = scenario_map.network.nodes
     if walks > nodes - 1:
         raise ScenarioError(f"there cannot be {walks} different destinations among {nodes} nodes")
     rng = np.random.default_rng([*np.asarray(jax.random.key_data(scenario_map.key)).tolist(), part])
-    among = rng.permutation(scenario_map.ends or nodes)
+    among = rng.permutation(scenario_map.destinations or nodes)
     return among[~np.isin(among, _only_origin(scenario_map))][:walks, None]
 
 
-def _origins(scenario_map: ScenarioMap, destinations: Int[np.ndarray, "goal 1"]) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes that a map's walks to each goal begin at, as rows of one length, and how many of a row are different."""
-    rows = [[node for node in scenario_map.origins if node != goal] for goal in destinations[:, 0].tolist()]
+def check_paths(scenario_map: ScenarioMap) -> None:
+    """Refuse a town where a walker may come to a node from which no path leads on; grids have none.
+
+    Raises
+    ------
+    ScenarioError
+        Such a node.
+    """
+    if len(scenario_map.parts) == 1:
+        check_ways(scenario_map.network, scenario_map.origins, scenario_map.destinations)
+
+
+def _own_origins(
+    scenario_map: ScenarioMap, destinations: Int[np.ndarray, "destination 1"]
+) -> tuple[Int[np.ndarray, "destination origin"], Int[np.ndarray, " destination"]]:
+    """A map's own origins of walks to each destination, as rows of one length, and how many of a row are different."""
+    rows = [[node for node in scenario_map.origins if node != end] for end in destinations[:, 0].tolist()]
     count = np.array([len(row) for row in rows])
     return np.stack([np.resize(row, max(len(scenario_map.origins), 1)) for row in rows]), count
 
@@ -97,27 +171,45 @@ def sampler(
     params: EnvParams,
     futures: int,
     *,
-    destinations: Int[np.ndarray, "goal part"] | None = None,
+    destinations: Int[np.ndarray, "destination part"] | None = None,
     anywhere: bool = False,
 ) -> InstanceSampler:
-    """The scenario's walks, or walks from anywhere, to ``destinations``, through the first ``futures`` futures.
+    """Random walks of a scenario. Where the map has origins of its own, all walks begin there.
 
-    Where the map has origins of its own, all walks begin there.
+    Parameters
+    ----------
+    scenario, scenario_map, params
+        The problem, its map, and the environment that was made for these destinations.
+    futures
+        How many of the environment's futures are walked through, the first ones.
+    destinations
+        A node of each part of the map for each destination; by default the scenario's own.
+    anywhere
+        Whether walks begin anywhere, not where the scenario's do.
+
+    Raises
+    ------
+    ScenarioError
+        Fewer futures than destinations.
     """
     destinations = destinations_of(scenario_map, 1) if destinations is None else destinations
-    _check_futures(params, len(destinations))
+    number = jnp.arange(len(destinations))
+    meant = params.futures.destination[:futures]
+    _check_futures(meant.shape[0], len(destinations))
+    for_each = meant == number[:, None]
     part = np.repeat(np.arange(len(scenario_map.parts)), scenario_map.parts)
     first = np.cumsum((0, *scenario_map.parts[:-1]))
     # Both have as many candidates, so that training from either is the same compiled program.
-    elsewhere = np.stack([np.setdiff1d(np.arange(len(part)), of_goal) for of_goal in destinations])
-    begins = elsewhere if anywhere or scenario_map.ends else first[part[elsewhere]]
+    elsewhere = np.stack([np.setdiff1d(np.arange(len(part)), nodes) for nodes in destinations])
+    begins = elsewhere if anywhere or scenario_map.destinations else first[part[elsewhere]]
     if scenario_map.origins:
-        begins = elsewhere = _origins(scenario_map, destinations)[0]
+        begins = elsewhere = _own_origins(scenario_map, destinations)[0]
     return InstanceSampler(
         origins=jnp.asarray(begins, jnp.int32),
         destinations=jnp.asarray(destinations[np.arange(len(destinations))[:, None], part[elsewhere]], jnp.int32),
         departures=jnp.asarray(np.asarray(scenario.departures), jnp.float32),
-        futures=jnp.asarray(min(futures, params.futures.count), jnp.int32),
+        futures=jnp.argsort(~for_each, axis=1, stable=True).astype(jnp.int32),
+        counts=for_each.sum(axis=1).astype(jnp.int32),
     )
 
 
@@ -128,58 +220,71 @@ def instances(
     walks: int,
     first: int = 0,
     *,
-    destinations: Int[np.ndarray, "goal part"] | None = None,
+    destinations: Int[np.ndarray, "destination part"] | None = None,
 ) -> Instance:
-    """Walks number ``first`` and on of the scenario, corner to corner, each through a future of its own.
+    """The walks of a scenario, corner to corner, each through the next of the environment's futures.
 
-    With ``destinations``, walks from anywhere, or from the map's own origins, to each of these in turn; a map with
-    origins or destinations of its own has no other walks. Departures are spread evenly by the golden ratio, and walks
-    take the parts of the map in turn.
+    Departures are spread evenly by the golden ratio, and walks take the parts of the map in turn.
+
+    Parameters
+    ----------
+    scenario, scenario_map, params
+        The problem, its map, and the environment.
+    walks, first
+        How many walks, and the number of the first.
+    destinations
+        With these, walks from anywhere, or from the map's own origins, to the destination of each future; a map with
+        origins or destinations of its own has no other walks.
+
+    Returns
+    -------
+    walks
+        With a leading axis of walks.
+
+    Raises
+    ------
+    ScenarioError
+        Fewer futures than destinations.
+
+    Examples
+    --------
+    >>> from sidestep.scenarios.builtin import scenario
+    >>> from sidestep.scenarios.episodes import instances
+    >>> from sidestep.scenarios.futures import make_environment
+    >>> from sidestep.scenarios.maps import draw_map
+    >>> problem = scenario("paper-congested")
+    >>> here = draw_map(problem, seed=0)
+    >>> walks = instances(problem, here, make_environment(problem, here, "test", futures=2), walks=3)
+    >>> walks.origin.tolist(), walks.destination.tolist(), walks.future.tolist()
+    ([0, 0, 0], [35, 35, 35], [0, 1, 0])
     """
-    if destinations is None and (scenario_map.origins or scenario_map.ends):
+    if destinations is None and (scenario_map.origins or scenario_map.destinations):
         destinations = destinations_of(scenario_map, 1)
     number = first + np.arange(walks)
     begins = np.cumsum((0, *scenario_map.parts))
-    on = number % len(scenario_map.parts)
-    origin, destination = begins[:-1][on], begins[1:][on] - 1
+    part = number % len(scenario_map.parts)
+    origin, destination = jnp.asarray(begins[:-1][part]), jnp.asarray(begins[1:][part] - 1)
     future = number % params.futures.count
     if destinations is not None:
-        _check_futures(params, len(destinations))
-        destination = destinations[future % len(destinations), on]
-        # Uniform over the part's other nodes.
-        others = np.asarray(scenario_map.parts)[on] - 1
+        _check_futures(params.futures.count, len(destinations))
+        which = params.futures.destination[future]
+        destination = jnp.asarray(destinations)[which, part]
         uniform = jax.random.uniform(jax.random.fold_in(scenario_map.key, _ORIGINS + first), (walks,))
         if scenario_map.origins:
-            rows, count = (
-                jnp.asarray(each[future % len(destinations)]) for each in _origins(scenario_map, destinations)
-            )
-            chosen = jnp.minimum((uniform * count).astype(jnp.int32), count - 1)
-            return _walks(scenario, number, rows[jnp.arange(walks), chosen], destination, future)
-        step = 1 + jnp.minimum((uniform * others).astype(jnp.int32), others - 1)
-        origin = begins[on] + (destination - begins[on] + step) % (others + 1)
-    return _walks(scenario, number, origin, destination, future)
-
-
-def _walks(
-    scenario: Scenario,
-    number: Int[np.ndarray, " walk"],
-    origin: Int[Array | np.ndarray, " walk"],
-    destination: Int[np.ndarray, " walk"],
-    future: Int[np.ndarray, " walk"],
-) -> Instance:
+            rows, count = (jnp.asarray(each)[which] for each in _own_origins(scenario_map, destinations))
+            origin = rows[jnp.arange(walks), _pick(count, uniform)]
+        else:  # uniform over the part's other nodes
+            others = np.asarray(scenario_map.parts)[part] - 1
+            origin = origin + (destination - origin + 1 + _pick(others, uniform)) % (others + 1)
     earliest, latest = scenario.departures
     return Instance(
-        origin=jnp.asarray(origin, jnp.int32),
-        destination=jnp.asarray(destination, jnp.int32),
+        origin=origin.astype(jnp.int32),
+        destination=destination.astype(jnp.int32),
         departure=jnp.asarray(earliest + (latest - earliest) * (number * GOLDEN % 1), jnp.float32),
         future=jnp.asarray(future, jnp.int32),
     )
 
 
-def _check_futures(params: EnvParams, destinations: int) -> None:
-    """Each crowd is for one goal."""
-    if params.futures.count < destinations:
-        raise ScenarioError(f"{destinations} destinations need as many futures, but there are {params.futures.count}")
-
-
-_ORIGINS = 1_000  # beyond the numbers of purposes
+def _check_futures(futures: int, destinations: int) -> None:
+    if futures < destinations:
+        raise ScenarioError(f"{destinations} destinations need as many futures, but there are {futures}")

@@ -1,23 +1,33 @@
-"""Environments on a map with futures for one purpose, and the walks to be done there."""
+"""Environments on a map, with possible futures of its crowds for one purpose."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.base import Field, FlowModel
-from sidestep.environment.knowledge import WINDOW, expected_cost_to_go, live_cost_to_go
-from sidestep.environment.types import EnvParams, Information, LiveCostToGo, dense_speeds, field_of, walking_speeds
+from sidestep.environment.cost_to_go import WINDOW, expected_cost_to_go, live_cost_to_go
+from sidestep.environment.types import (
+    EnvParams,
+    Futures,
+    Information,
+    LiveCostToGo,
+    destinations_in_turn,
+    futures_in_turn,
+)
 from sidestep.network.graph import RoadNetwork
+from sidestep.scenarios.build import objective_of, reward_of
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import Purpose, ScenarioMap, purpose_key
-from sidestep.scenarios.model import LAWS, Scenario
-from sidestep.walking.objective import Objective
-from sidestep.walking.speed_field import SensedSpeeds, SpeedField, Speeds
-from sidestep.walking.waits import Waits
+from sidestep.scenarios.model import Scenario
+from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
+from sidestep.walking.speed_laws import LAWS, SpeedLaw
 
 
 def make_environment(
@@ -27,60 +37,147 @@ def make_environment(
     futures: int,
     *,
     level: Information = "position",
-    destinations: Int[np.ndarray, "goal part"] | None = None,
+    destinations: Int[np.ndarray, "destination part"] | None = None,
+    hours: Sequence[float] | None = None,
     part: int = 0,
     densities: bool = False,
 ) -> EnvParams:
     """The environment on one map with possible futures for one purpose.
 
-    ``futures`` futures are drawn; where the flows are the forecast only there is one, whatever was asked. ``level`` is
-    the highest that walkers will see; from ``map`` on it knows the ways to ``destinations``, by default to the
-    scenario's own. Each ``part`` has futures of its own. ``densities`` says whether crowds shall answer how dense they
-    are, as they do anyway where they spread from sensors or an objective asks for it.
+    Futures are for each of the destinations in turn, at the hour at which walks to it set out.
+
+    Parameters
+    ----------
+    scenario, scenario_map
+        The problem, and one of its maps.
+    purpose
+        Decides the random stream that futures are drawn from.
+    futures
+        How many to draw. Where crowds come as expected there is one for each hour, whatever was asked.
+    level
+        The highest level of the walkers; from ``map`` on, costs of getting to the destinations are worked out.
+    destinations
+        A node of each part of the map for each destination; by default the scenario's own.
+    hours
+        Hour of the week at which walks to each destination set out; by default the scenario's.
+    part
+        Each part of a comparison has futures of its own.
+    densities
+        Whether densities are kept beside speeds even where the objective does not need them.
+
+    Returns
+    -------
+    params
+        The environment, for walkers of ``level``.
+
+    Examples
+    --------
+    >>> from sidestep.scenarios.builtin import scenario
+    >>> from sidestep.scenarios.futures import make_environment
+    >>> from sidestep.scenarios.maps import draw_map
+    >>> problem = scenario("paper-congested")
+    >>> params = make_environment(problem, draw_map(problem, seed=0), "test", futures=3)
+    >>> params.futures.count, params.network.nodes
+    (3, 36)
     """
-    nodes = jnp.asarray(destinations_of(scenario_map, 1) if destinations is None else destinations, jnp.int32)
-    key, flow = _future_key(scenario_map, purpose, part), scenario_map.flow_for(purpose)
-    plain, objective = _apart(scenario)
-    keep = densities or objective is not None
+    nodes = destinations_of(scenario_map, 1) if destinations is None else destinations
+    hours = scenario.place.departure_hours(len(nodes), part * futures) if hours is None else hours
+    objective = objective_of(scenario.objective)
     return _environment(
-        plain, objective, scenario_map.network, flow, scenario_map.waits, key, futures, level, nodes, densities=keep
+        _Crowds.of(scenario, scenario_map.flow_for(purpose)),
+        _future_key(scenario_map, purpose, part),
+        jnp.asarray(hours, jnp.float32),
+        jnp.asarray(nodes, jnp.int32),
+        futures=futures,
+        densities=densities or objective.needs_density,
+        level=level,
+        rule=scenario.rule,
+        network=scenario_map.network,
+        horizon=jnp.float32(scenario.horizon),
+        reward=reward_of(scenario.reward),
+        objective=objective,
+        waits=scenario_map.waits,
     )
 
 
-Futures = tuple[Speeds, LiveCostToGo | None]  # and what level live works out from their counts
-
-
 def sample_futures(
-    scenario: Scenario, scenario_map: ScenarioMap, params: EnvParams, number: int, futures: int
+    scenario: Scenario,
+    scenario_map: ScenarioMap,
+    params: EnvParams,
+    number: int,
+    futures: int,
+    among: int | None = None,
 ) -> Futures:
-    """Other futures for a training, those of renewal ``number``, counted from 1."""
-    key = _future_key(scenario_map, "learn", number)
-    return _futures(_apart(scenario)[0], scenario_map.flow, params, key, futures)
+    """Other futures for a training, to replace as many of an environment.
+
+    They take the destinations and hours of those that they replace, which are taken in turn.
+
+    Parameters
+    ----------
+    scenario, scenario_map, params
+        The problem, its map, and the environment.
+    number
+        Which renewal it is, counted from 1.
+    futures
+        How many to draw.
+    among
+        How many of the environment's futures are renewed in turn, the first ones; by default all.
+    """
+    index = _in_turn(params, number * futures, futures, among)
+    crowds, key = _Crowds.of(scenario, scenario_map.flow), _future_key(scenario_map, "learn", number)
+    return _sampled(crowds, params, key, index)
 
 
-def _apart(scenario: Scenario) -> tuple[Scenario, Objective | None]:
-    """The scenario without its objective, and this: programs need not be compiled anew for other weights."""
-    return replace(scenario, objective=None), scenario.objective
+def replace_futures(
+    params: EnvParams, futures: Futures, first: Int[Array, ""] | int, among: int | None = None
+) -> EnvParams:
+    """The environment with some of its futures replaced.
+
+    Parameters
+    ----------
+    params, futures
+        The environment, and its new futures.
+    first
+        Number of the first one that is replaced; after the last of those that are renewed comes number 0.
+    among
+        How many of the environment's futures are renewed in turn, the first ones; by default all.
+    """
+    index = _in_turn(params, first, futures.destination.shape[0], among)
+    # Not in the whole environment: expected costs take gigabytes in large towns, and would be copied.
+    return replace(params, futures=_replaced(params.futures, futures, index))
 
 
-def replace_futures(params: EnvParams, futures: Futures, first: Int[Array, ""]) -> EnvParams:
-    """The environment with some of its futures replaced, from ``first`` on."""
-    speeds, live = _put((params.futures, params.live), futures, first)
-    return replace(params, futures=speeds, live=live)
+def see_counts(
+    scenario: Scenario, flow: FlowModel, params: EnvParams, slots: int, *, forecasts: bool = True
+) -> EnvParams:
+    """The same environment for walkers of level ``live``.
+
+    Parameters
+    ----------
+    scenario, flow
+        The problem, and the crowds that forecasts are made of.
+    params
+        An environment of level ``map`` at least, with densities.
+    slots
+        How many slots, from the first on, counts and forecasts are shown of; after the last of them walkers see what
+        they saw in it. Forecasts take much longer than all else: leave out slots in which everybody has arrived.
+    forecasts
+        Whether forecasts are worked out; without, they are zero, for walkers who do not look at them.
+    """
+    return _with_counts(_Crowds.of(scenario, flow), params, slots, forecasts=forecasts)
 
 
-@jax.jit
-def _put(before: Futures, futures: Futures, first: Int[Array, ""]) -> Futures:
-    # Not the whole environment: what is known of usual crowds takes gigabytes in large towns, and would be copied.
-    def put(old: Array, new: Array) -> Array:
-        return jax.lax.dynamic_update_slice_in_dim(old, new, first, 0)
+class _Crowds(eqx.Module):
+    """Where futures come from."""
 
-    (old, old_live), (speeds, live) = before, futures
-    if isinstance(old, SensedSpeeds) and isinstance(speeds, SensedSpeeds):
-        speeds = replace(old, density=put(old.density, speeds.density))
-    else:
-        speeds = jax.tree.map(put, old, speeds)
-    return speeds, jax.tree.map(put, old_live, live)
+    flow: FlowModel
+    law: SpeedLaw
+    slots: int = eqx.field(static=True)
+    as_expected: bool = eqx.field(static=True)  # crowds come as they are expected, without noise
+
+    @staticmethod
+    def of(scenario: Scenario, flow: FlowModel) -> "_Crowds":
+        return _Crowds(flow, LAWS[scenario.law], scenario.slots, scenario.flows == "forecast")
 
 
 def _future_key(scenario_map: ScenarioMap, purpose: Purpose, part: int) -> Key[Array, ""]:
@@ -88,81 +185,76 @@ def _future_key(scenario_map: ScenarioMap, purpose: Purpose, part: int) -> Key[A
     return jax.random.fold_in(key, part) if part else key
 
 
-@partial(jax.jit, static_argnames=("scenario", "futures", "level", "densities"))
+def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among: int | None) -> Int[Array, " future"]:
+    """Numbers of the futures that are replaced."""
+    return (first + jnp.arange(futures)) % min(among or params.futures.count, params.futures.count)
+
+
+@partial(jax.jit, static_argnames=("futures", "densities", "level", "rule"))
 def _environment(
-    scenario: Scenario,
-    objective: Objective | None,
-    network: RoadNetwork,
-    flow: FlowModel,
-    waits: Waits | None,
+    crowds: _Crowds,
     key: Key[Array, ""],
-    futures: int,
-    level: Information,
-    destinations: Int[Array, "goal part"],
+    hours: Float[Array, " destination"],
+    destinations: Int[Array, "destination part"],
     *,
+    futures: int,
     densities: bool,
+    level: Information,
+    network: RoadNetwork,
+    **rest: Any,
 ) -> EnvParams:
-    expected = walking_speeds(network, _expected(flow, scenario.slots), LAWS[scenario.law], densities=densities)
-    params = EnvParams(
-        network=network,
-        futures=expected,
-        expected=expected,
-        horizon=jnp.float32(scenario.horizon),
-        reward=scenario.reward,
-        rule=scenario.rule,
-        level=level,
-        objective=objective,
-        waits=waits,
-    )
+    field = crowds.flow.expected(hours, crowds.slots)
+    expected = walking_speeds(network, field, crowds.law, densities=densities)
+    params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, **rest)
     if level in ("map", "live"):
-        where = (
-            jnp.zeros((len(destinations), network.nodes), bool)
-            .at[jnp.arange(len(destinations))[:, None], destinations]
-            .set(True)
-        )
-        params = replace(params, usual=expected_cost_to_go(params, where))
-    drawn, live = _futures(scenario, flow, params, key, futures)
-    return replace(params, futures=drawn, live=live)
+        nothing = jnp.zeros((len(destinations), network.nodes), bool)
+        where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)
+        params = replace(params, cost_to_go=expected_cost_to_go(params, where, hours))
+    number = expected.count if crowds.as_expected else futures
+    return replace(params, futures=_drawn(crowds, params, key, *destinations_in_turn(number, hours)))
 
 
-@partial(jax.jit, static_argnames=("scenario", "futures"))
-def _futures(scenario: Scenario, flow: FlowModel, params: EnvParams, key: Key[Array, ""], futures: int) -> Futures:
-    """Speeds of possible futures and, at level ``live``, what can be worked out from their counts."""
-    forecast = scenario.flows == "forecast"
-    drawn = _expected(flow, scenario.slots) if forecast else flow.draw(key, futures, scenario.slots)
-    densities = params.expected.density is not None
-    speeds = walking_speeds(params.network, drawn, LAWS[scenario.law], densities=densities)
+@jax.jit
+def _sampled(crowds: _Crowds, params: EnvParams, key: Key[Array, ""], index: Int[Array, " future"]) -> Futures:
+    old = params.futures
+    return _drawn(crowds, params, key, old.destination[index], old.hour[index], old.phase[index])
+
+
+def _drawn(
+    crowds: _Crowds,
+    params: EnvParams,
+    key: Key[Array, ""],
+    destination: Int[Array, " future"],
+    hour: Float[Array, " future"],
+    phase: Float[Array, " future"],
+) -> Futures:
+    """Possible futures and, at level ``live``, the costs that can be worked out from their counts."""
+    flow, slots = crowds.flow, crowds.slots
+    field = flow.expected(hour, slots) if crowds.as_expected else flow.draw(key, hour, slots)
+    speeds = walking_speeds(params.network, field, crowds.law, densities=params.expected.keeps_density)
+    futures = Futures(speeds, destination, hour, phase)
     if params.level != "live":
-        return speeds, None
-    return speeds, _live(scenario, flow, replace(params, futures=speeds), drawn)
+        return futures
+    return replace(futures, cost_to_go=_live_cost_to_go(crowds, replace(params, futures=futures), field))
 
 
-def _live(scenario: Scenario, flow: FlowModel, params: EnvParams, drawn: Field) -> LiveCostToGo:
-    def ahead(now: Float[Array, " counter"], slot: Int[Array, ""], future: Int[Array, ""]) -> SpeedField:
-        foreseen = drawn.with_counted(flow.ahead(now, slot, WINDOW, future))
-        return dense_speeds(params.network, foreseen, LAWS[scenario.law], densities=params.objective is not None)
+def _live_cost_to_go(crowds: _Crowds, params: EnvParams, field: Field) -> LiveCostToGo:
+    def ahead(now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""]) -> SpeedField:
+        forecast = field.with_counted(crowds.flow.ahead(now, hour, slot, WINDOW))
+        return dense_speeds(params.network, forecast, crowds.law, densities=params.objective.needs_density)
 
-    return live_cost_to_go(params, drawn.counted, ahead)
+    return live_cost_to_go(params, field.counted, ahead)
 
 
-@partial(jax.jit, static_argnames=("scenario", "slots", "forecasts"))
-def see_counts(
-    scenario: Scenario, flow: FlowModel, params: EnvParams, slots: int, *, forecasts: bool = True
-) -> EnvParams:
-    """The same crowds for walkers of level ``live``, who are shown counts and forecasts of the first slots only.
+@jax.jit
+def _replaced(old: Futures, new: Futures, index: Int[Array, " new"]) -> Futures:
+    return old.replaced(new, index)
 
-    Forecasts take much longer than all else, so that it pays to leave out slots in which everybody has arrived. After
-    the last of them walkers see what they saw in it. Without ``forecasts`` these are zero, for walkers who do not look
-    at them. ``params`` is of level ``map`` at least, and its crowds have their densities.
-    """
+
+@partial(jax.jit, static_argnames=("slots", "forecasts"))
+def _with_counts(crowds: _Crowds, params: EnvParams, slots: int, *, forecasts: bool) -> EnvParams:
     shown = replace(params, futures=params.futures.first(slots=slots))
-    live = _live(scenario, flow, shown, field_of(params.network, shown.futures))
+    costs = _live_cost_to_go(crowds, shown, shown.futures.speeds.field(params.network))
     if not forecasts:  # the compiler then leaves out what they take
-        live = LiveCostToGo(jnp.zeros_like(live.forecast), live.snapshot)
-    return replace(params, live=live, level="live")
-
-
-def _expected(flow: FlowModel, slots: int) -> Field:
-    """Expected crowds with a leading axis of one or more."""
-    field = flow.expected(slots)
-    return field if field.counted.ndim == 3 else field.with_counted(field.counted[None])
+        costs = LiveCostToGo(jnp.zeros_like(costs.forecast), costs.snapshot)
+    return replace(params, futures=replace(params.futures, cost_to_go=costs), level="live")

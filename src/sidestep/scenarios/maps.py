@@ -1,189 +1,195 @@
-"""Maps of a scenario, drawn from a seed: streets, and the crowds that are usual on them."""
+"""Maps of a scenario, drawn from a seed: streets, and the crowds expected on them."""
 
+import difflib
 import hashlib
-from dataclasses import dataclass, replace
+import reprlib
+from dataclasses import replace
+from datetime import datetime
 from typing import Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Key
 
-from sidestep.crowds.arima import change_step, load_fitted
-from sidestep.crowds.base import ArimaFlow, FlowModel
-from sidestep.crowds.interpolation import InterpolationWeights
-from sidestep.crowds.rush import RushFlow, ShiftingFlow
+from sidestep.crowds.base import FlowModel
+from sidestep.crowds.counts import CountTable
+from sidestep.crowds.live import CurrentCounts
+from sidestep.crowds.profile import hour_of_week
 from sidestep.crowds.sensors import SensorFlow
-from sidestep.crowds.table import TableFlow
-from sidestep.network.graph import RoadNetwork, disjoint_union
-from sidestep.network.grid import grid_network
-from sidestep.network.splice import Spliced
-from sidestep.scenarios.build import town_crowds
-from sidestep.scenarios.model import Scenario, ScenarioError
-from sidestep.walking.waits import Waits
+from sidestep.network.graph import RoadNetwork
+from sidestep.network.snapping import SplitStreets
+from sidestep.scenarios.build import venue_parts
+from sidestep.scenarios.grids import DrawnGrid, streets_and_crowds
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.places import Grid, Venue
+from sidestep.scenarios.spec import ScenarioError
+from sidestep.walking.waits import NoWaits, Waits
 
 Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
 
 
 class ScenarioMap(eqx.Module):
-    """Streets, and the crowds on them with the model that moves them.
+    """Streets, the crowds on them with the model that moves them, and what walkers wait for.
 
-    Several maps side by side, with no street between them, are one: ``parts`` are the nodes of each.
+    Several maps side by side, with no street between them, are one: ``parts`` has the number of nodes of each.
     """
 
     network: RoadNetwork
     flow: FlowModel
-    key: Key[Array, ""]  # of this map; futures and training fold their purpose into it
+    test_flow: FlowModel
+    """What walks are tested on: recorded crowds where there are any, else ``flow``."""
+    key: Key[Array, ""]
+    """Random stream of this map; futures and training fold their purpose into it."""
     parts: tuple[int, ...] = eqx.field(static=True)
-    recorded: FlowModel | None = None  # what walks are tested on, where that was counted and is not simulated
-    origins: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where walks begin; none: anywhere
-    ends: tuple[int, ...] = eqx.field(static=True, default=())  # nodes where they end; none: anywhere
-    waits: Waits | None = None  # at lights and for gaps in the traffic
+    sensors: tuple[str, ...] = eqx.field(static=True, default=())
+    """The sensor behind each counter of the flow, where crowds are known from sensors."""
+    origins: tuple[int, ...] = eqx.field(static=True, default=())
+    """Nodes where walks begin; none: anywhere."""
+    destinations: tuple[int, ...] = eqx.field(static=True, default=())
+    """Nodes where walks end; none: anywhere."""
+    waits: Waits | NoWaits = NoWaits()
+    """At lights and for gaps in the traffic."""
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
-        return self.recorded if self.recorded is not None and purpose == "test" else self.flow
+        return self.test_flow if purpose == "test" else self.flow
 
-    def beginning(self, starts: list[float]) -> "ScenarioMap":
-        """The same place with clock 0 at these hours of the week, for one goal each."""
-        start = jnp.asarray(starts, jnp.float32)
-        recorded = None if self.recorded is None else _starting(self.recorded, start)
-        waits = None if self.waits is None else replace(self.waits, start=start)
-        return replace(self, flow=_starting(self.flow, start), recorded=recorded, waits=waits)
+    def on_pieces(self, streets: SplitStreets) -> "ScenarioMap":
+        """The same map with some streets split and the same crowds on all their pieces, for walks from anywhere."""
+        parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.fraction, jnp.float32)
+        flow = self.flow.on_pieces(parent, fraction)
+        return replace(
+            self,
+            network=streets.network,
+            flow=flow,
+            # Futures are simulated: there are only as many recorded weeks as were counted, and none goes on from now.
+            test_flow=flow,
+            parts=(streets.network.nodes,),
+            origins=(),
+            destinations=(),
+            waits=self.waits.on_pieces(parent, jnp.asarray(streets.begins_at_crossing)),
+        )
 
-    def spliced(self, streets: Spliced) -> "ScenarioMap":
-        """The same place with some streets split, the same crowds on all their pieces, and futures simulated."""
-        parent, share = jnp.asarray(streets.parent), jnp.asarray(streets.share, jnp.float32)
-        flow = _on_pieces(self.flow, parent, share)
-        waits = None if self.waits is None else self.waits.on(parent, jnp.asarray(streets.begins_whole))
-        return ScenarioMap(streets.network, flow, self.key, (streets.network.nodes,), waits=waits)
-
-
-def knows_time(flow: FlowModel) -> bool:
-    """Whether crowds depend on the hour of the week."""
-    return isinstance(flow, SensorFlow) or (isinstance(flow, TableFlow) and flow.start is not None)
-
-
-def _starting(flow: FlowModel, start: Float[Array, " goal"]) -> FlowModel:
-    """The same crowds from other hours of the week on, if they know the time."""
-    return replace(flow, start=start) if knows_time(flow) else flow  # type: ignore[type-var]
-
-
-def _on_pieces(flow: FlowModel, parent: Int[Array, " piece"], share: Float[Array, " piece"]) -> FlowModel:
-    """The same crowds, as dense, on pieces of the segments; ``share`` is how long these are in parts of the whole."""
-    if isinstance(flow, TableFlow):  # of the persons on a segment, each piece has as large a share as of its length
-        return replace(flow, usual=flow.usual[:, parent] * share)
-    if isinstance(flow, SensorFlow):
-        return replace(flow, weights=InterpolationWeights(flow.weights.sensor[parent], flow.weights.weight[parent]))
-    return flow
+    @property
+    def fingerprint(self) -> str:
+        """The same for the same streets with the same expected crowds, whatever the speed law, and for no others."""
+        told = (self.network, self.flow, self.waits)
+        digest = hashlib.sha256(str(jax.tree.structure(told)).encode())
+        for leaf in jax.tree.leaves(told):
+            digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
+        return digest.hexdigest()[:16]
 
 
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
-    """Map number ``index`` of a seed; the same for every planner and for every kind of flow."""
-    if min(seed, index) < 0:
-        raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
-    if scenario.venue is not None:
-        town = town_crowds(scenario.venue, scenario.slot_seconds, scenario.law)
-        return ScenarioMap(
-            town.network,
-            town.flow,
-            _key(seed, index),
-            (town.network.nodes,),
-            town.recorded,
-            town.origins,
-            town.destinations,
-            town.waits,
-        )
+    """Map number ``index`` of a seed; the same for every planner and for every kind of flow.
+
+    Venues have the same streets and expected crowds on all maps; only the futures differ.
+
+    Raises
+    ------
+    SidestepError
+        Negative numbers, files of a venue that cannot be read or do not fit.
+
+    Examples
+    --------
+    >>> from sidestep.scenarios.builtin import scenario
+    >>> from sidestep.scenarios.maps import draw_map
+    >>> drawn = draw_map(scenario("paper-congested", side=3, crowded_nodes=2), seed=0)
+    >>> drawn.network.nodes, drawn.network.segments
+    (9, 24)
+    """
     key = _key(seed, index)
-    streets = _Streets.draw(scenario, scenario.sides[index % len(scenario.sides)], np.random.default_rng([seed, index]))
-    return _scenario_map(scenario, [streets], key)
-
-
-def _key(seed: int, index: int) -> Key[Array, ""]:
-    # A key made of plain numbers needs no compiled program.
-    return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
+    match scenario.place:
+        case Grid() as grid:
+            side = grid.sides[index % len(grid.sides)]
+            return _on_grids(grid, [DrawnGrid.draw(grid, side, np.random.default_rng([seed, index]))], scenario, key)
+        case Venue() as venue:
+            parts = venue_parts(venue, scenario.slot_seconds, scenario.law)
+            return ScenarioMap(key=key, parts=(parts.network.nodes,), **parts._asdict())
 
 
 def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     """What an agent learns on that will walk map number ``index``: that map, or others, as the scenario says.
 
     The others are drawn from another stream than all maps that agents are compared on.
+
+    Raises
+    ------
+    SidestepError
+        As :func:`draw_map`.
+
+    Examples
+    --------
+    >>> from sidestep.scenarios.builtin import scenario
+    >>> from sidestep.scenarios.maps import draw_training_map
+    >>> draw_training_map(scenario("unseen-maps", side=3, crowded_nodes=1, training_maps=2), seed=0).parts
+    (9, 9)
     """
-    here = draw_map(scenario, seed, index)
-    if not scenario.training_maps:
-        return here
-    rngs = [np.random.default_rng([seed, number, _LEARN]) for number in range(scenario.training_maps)]
-    return _scenario_map(scenario, [_Streets.draw(scenario, scenario.side, rng) for rng in rngs], here.key)
+    match scenario.place:
+        case Grid(training_maps=number) as grid if number:
+            rngs = [np.random.default_rng([seed, another, _LEARN]) for another in range(number)]
+            drawn = [DrawnGrid.draw(grid, grid.side, rng) for rng in rngs]
+            return _on_grids(grid, drawn, scenario, _key(seed, index))
+        case _:
+            return draw_map(scenario, seed, index)
 
 
 _LEARN = 1  # a third number makes another stream: no map that is compared on has one
 
 
-@dataclass(frozen=True)
-class _Streets:
-    """One map while it is being drawn."""
-
-    network: RoadNetwork
-    volume: np.ndarray  # persons on each segment, without waves or noise
-    waves: np.ndarray  # amplitude and phase of each segment
-
-    @staticmethod
-    def draw(scenario: Scenario, side: int, rng: np.random.Generator) -> "_Streets":
-        network = grid_network(side, rng, scenario.lengths)
-        tail, head = np.asarray(network.tail), np.asarray(network.head)
-        volume = rng.uniform(*scenario.volumes, network.segments)
-        crowded_nodes = _crowded_nodes(scenario, network.nodes)
-        crowded = rng.choice(np.arange(1, network.nodes - 1), crowded_nodes, replace=False)
-        if scenario.rush is None or not scenario.rush.shifting:
-            at_crowded = np.isin(tail, crowded) | np.isin(head, crowded)
-            drawn = np.maximum(rng.normal(*scenario.crowded_volume, network.segments), 1.0)
-            volume = np.where(at_crowded, drawn, volume)
-        waves = np.zeros((2, network.segments))
-        if scenario.rush is not None:
-            # Both directions of a street have one wave.
-            street = np.unique(np.sort([tail, head], axis=0), axis=1, return_inverse=True)[1].reshape(-1)
-            amplitude = rng.uniform(*scenario.rush.amplitude, network.segments)
-            waves = np.stack([amplitude, rng.uniform(0, 2 * np.pi, network.segments)])[:, street]
-        return _Streets(network, volume, waves)
+def _key(seed: int, index: int) -> Key[Array, ""]:
+    if min(seed, index) < 0:
+        raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
+    # A key made of plain numbers needs no compiled program.
+    return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
-def _crowded_nodes(scenario: Scenario, nodes: int) -> int:
-    """As large a share of the nodes as on the scenario's first map."""
-    return round(scenario.crowded_nodes * nodes / scenario.side**2)
-
-
-def _scenario_map(scenario: Scenario, maps: list[_Streets], key: Key[Array, ""]) -> ScenarioMap:
-    network = disjoint_union([streets.network for streets in maps])
-    volume = jnp.asarray(np.concatenate([streets.volume for streets in maps]), jnp.float32)
-    parts = tuple(streets.network.nodes for streets in maps)
-    if scenario.rush is None:
-        return ScenarioMap(network, ArimaFlow(volume, change_step(load_fitted(), scenario.slot_seconds)), key, parts)
-    rush, waves = scenario.rush, jnp.asarray(np.concatenate([streets.waves for streets in maps], axis=1), jnp.float32)
-    amplitude, phase = waves
-    flow = RushFlow(volume, amplitude, phase, rush.period, rush.memory, rush.deviation, scenario.slot_seconds)
-    if not rush.shifting:
-        return ScenarioMap(network, flow, key, parts)
-    spared = np.zeros(network.nodes, bool)
-    first = np.cumsum((0, *parts))
-    spared[[*first[:-1], *(first[1:] - 1)]] = True
-    ends = jnp.stack([network.tail, network.head], axis=1)
-    crowded_nodes = sum(_crowded_nodes(scenario, nodes) for nodes in parts)
-    shifting = ShiftingFlow(flow, ends, jnp.asarray(spared), crowded_nodes, *scenario.crowded_volume)
-    return ScenarioMap(network, shifting, key, parts)
-
-
-def fingerprint(scenario_map: ScenarioMap) -> str:
-    """The same for the same streets with the same usual crowds, whatever the speed law, and for no others."""
-    digest = hashlib.sha256(
-        str(jax.tree.structure((scenario_map.network, scenario_map.flow, scenario_map.waits))).encode()
-    )
-    for leaf in jax.tree.leaves((scenario_map.network, scenario_map.flow, scenario_map.waits)):
-        digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
-    return digest.hexdigest()[:16]
+def _on_grids(grid: Grid, drawn: list[DrawnGrid], scenario: Scenario, key: Key[Array, ""]) -> ScenarioMap:
+    network, flow = streets_and_crowds(grid, drawn, scenario.slot_seconds)
+    return ScenarioMap(network, flow, flow, key, tuple(one.network.nodes for one in drawn))
 
 
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose) -> Key[Array, ""]:
     """The random stream of one purpose on one map."""
     return jax.random.fold_in(scenario_map.key, PURPOSES.index(purpose))
+
+
+def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: datetime) -> tuple[ScenarioMap, int]:
+    """A map whose crowds go on from current counts, and how many sensors these are of.
+
+    Counts are as the sensors count them; the crowding of the place is multiplied onto them. Of ``table`` the last hour
+    matters; sensors without a count in it are not known.
+
+    Raises
+    ------
+    ScenarioError
+        Crowds that are not known from sensors; sensors that the place does not have, counts of another hour than that
+        of the departure or the one before it, no count at all.
+    """
+    if not isinstance(scenario_map.flow, SensorFlow):
+        raise ScenarioError("current counts are those of sensors, but the crowds come from a table")
+    names = list(dict.fromkeys(scenario_map.sensors))
+    for name in table.sensors:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(map(repr, names))}"
+            raise ScenarioError(f"{table.source}: no sensor {reprlib.repr(name)} in this place; {hint}")
+    counted, leaves = table.times[-1], np.datetime64(departure, "h")
+    if counted not in (leaves, leaves - 1):
+        raise ScenarioError(
+            f"{table.source}: the last counts are of the hour from {counted}:00, but the departure is "
+            f"{departure.isoformat(timespec='minutes')}; they must be of the hour of the departure or the one before"
+        )
+    last = {name: table.series(name)[-1] for name in table.sensors}
+    known = int(np.isfinite(list(last.values())).sum())
+    if not known:
+        raise ScenarioError(f"{table.source}: nothing was counted in the last hour, from {counted}:00")
+    logs = np.log1p(np.array([last.get(name, np.nan) for name in scenario_map.sensors]))
+    residual = logs - np.asarray(scenario_map.flow.model.expected)[hour_of_week(table.times[-1:])[0]]
+    since = (np.datetime64(departure, "s") - counted.astype("datetime64[s]")).astype(float) / 3600 - 0.5
+    counts = CurrentCounts(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
+    flow = replace(scenario_map.flow, current=counts, record=None)
+    return replace(scenario_map, flow=flow, test_flow=flow), known

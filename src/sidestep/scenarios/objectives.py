@@ -1,28 +1,26 @@
 """What walkers keep low, as people say it: a word, or weights."""
 
-from dataclasses import fields
+from sidestep.scenarios.model import ObjectiveSpec
+from sidestep.scenarios.spec import ScenarioError
 
-from sidestep.scenarios.model import ScenarioError
-from sidestep.walking.objective import Objective
-
-# Exposure counts a hundredth of time as well: ways on which nobody is met would otherwise all be the same.
 WORDS = {
-    "time": None,
-    "distance": Objective(time=0.0, distance=1.0),
-    "exposure": Objective(time=0.01, exposure=1.0),
+    "time": ObjectiveSpec(),
+    "distance": ObjectiveSpec(time=0.0, distance=1.0),
+    # Exposure counts a hundredth of time as well: paths on which nobody is met would otherwise all be the same.
+    "exposure": ObjectiveSpec(time=0.01, exposure=1.0),
 }
-WEIGHTS = tuple(field.name for field in fields(Objective))
+WEIGHTS = ("time", "distance", "exposure", "max_density")
 
 
-def read_objective(text: str) -> Objective | None:
-    """``time``, ``distance``, ``exposure``, or weights such as ``exposure=0.5,max_density=4``; None is time alone.
+def read_objective(text: str) -> ObjectiveSpec:
+    """``time``, ``distance``, ``exposure``, or weights such as ``exposure=0.5,max_density=4``.
 
-    Time has a weight of 1 unless another is given. :class:`sidestep.walking.objective.Objective` has the units.
+    Time has a weight of 1 unless another is given. :class:`sidestep.scenarios.model.ObjectiveSpec` has the units.
 
     Raises
     ------
     ScenarioError
-        Unknown words and weights that are no numbers.
+        Unknown words, and weights that are no numbers or out of range.
     """
     if text.strip() in WORDS:
         return WORDS[text.strip()]
@@ -32,18 +30,14 @@ def read_objective(text: str) -> Objective | None:
         if name not in WEIGHTS or name in weights:
             raise ScenarioError(
                 f"objective must be {', '.join(WORDS)}, or weights of {', '.join(WEIGHTS)}, such as "
-                f"exposure=0.5,max_density=4, not {text!r:.80}"
+                f"exposure=0.5,max_density=4, not {text!r:.80}",
+                field="objective",
             )
         try:
             weights[name] = float(value)
         except ValueError as error:
-            raise ScenarioError(f"objective: {name} must be a number, not {value!r:.40}") from error
-    return only_time(Objective(**weights))
-
-
-def only_time(objective: Objective) -> Objective | None:
-    """The same, or None where it is time alone."""
-    return None if objective == Objective() else objective
+            raise ScenarioError(f"objective: {name} must be a number, not {value!r:.40}", field=name) from error
+    return ObjectiveSpec().changed(**weights)
 
 
 def objective_in_words(objective: dict[str, float | None]) -> str:

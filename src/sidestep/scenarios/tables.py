@@ -13,8 +13,10 @@ from sidestep.crowds.profile import time_of_week
 from sidestep.crowds.table import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
-from sidestep.scenarios.model import DAYS, LAWS, Law, ScenarioError, Venue
-from sidestep.walking.speed_laws import DENSEST, density_at_speed
+from sidestep.scenarios.places import Venue
+from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.values import DAYS
+from sidestep.walking.speed_laws import DENSEST, LAWS, Law, density_at_speed
 
 DENSE, JAMMED = 1.0, 4.0  # persons/m²: where people begin to slow down, and where they hardly move
 
@@ -101,7 +103,9 @@ def _area(network: RoadNetwork) -> Float32[np.ndarray, " segment"]:
     return np.asarray(network.length) * np.asarray(network.width)
 
 
-def table_flow(venue: Venue, table: CrowdTable, network: RoadNetwork, *, slot_seconds: float, law: Law) -> TableFlow:
+def table_flow(
+    venue: Venue, noise: tuple[float, float], table: CrowdTable, network: RoadNetwork, slot_seconds: float, law: Law
+) -> TableFlow:
     """The crowds of a venue as its table has them.
 
     Raises
@@ -113,24 +117,25 @@ def table_flow(venue: Venue, table: CrowdTable, network: RoadNetwork, *, slot_se
     if table.slot_seconds < slot_seconds:
         raise ScenarioError(
             f"{table.source}: its slots of {table.slot_seconds:g} s are shorter than the scenario's of "
-            f"{slot_seconds:g} s; set slot_seconds to {table.slot_seconds:g}"
+            f"{slot_seconds:g} s; set slot_seconds to {table.slot_seconds:g}",
+            field="slot_seconds",
         )
     if table.slots * network.segments > MOST_CELLS:
         raise ScenarioError(
-            f"{table.source}: {table.slots} slots of {network.segments} segments are more than {MOST_CELLS:,} numbers"
+            f"{table.source}: {table.slots} slots of {network.segments} segments are more than {MOST_CELLS:,} numbers",
+            field="place.crowd_source.file",
         )
     volume = np.zeros((table.slots, network.segments), np.float32)
     volume[:, table.segment], _ = _volumes(table, network, law)
-    memory, deviation = venue.noise
     begins = None if table.begins is None else time_of_week(table.begins)
-    start = None if begins is None else jnp.asarray(venue.starts(1), jnp.float32)
-    usual = jnp.asarray(venue.crowding * volume, jnp.float32)
-    flow = TableFlow(usual, table.slot_seconds, memory, deviation, slot_seconds, begins, start)
+    expected = jnp.asarray(venue.crowding * volume, jnp.float32)
+    flow = TableFlow(expected, table.slot_seconds, *noise, slot_seconds, begins)
     for hour in (24 * day + hour for day in sorted(set(venue.days)) for hour in range(*venue.hours)):
         if not flow.covers(hour) and table.begins is not None:
             raise ScenarioError(
                 f"{table.source}: it covers {flow.span / 3600:g} hours from {table.begins:%A} "
                 f"{table.begins:%H:%M} on, but the venue's days and hours have people set out on "
-                f"{DAYS[hour // 24]} at {hour % 24}:00"
+                f"{DAYS[hour // 24]} at {hour % 24}:00",
+                field="place.hours",
             )
     return flow

@@ -1,4 +1,4 @@
-"""How fast people walk in a crowd, and how long a segment takes to cross while the crowd changes."""
+"""How long a segment takes to cross while the crowd on it changes, and how much of that crowd is met."""
 
 from typing import Literal, get_args
 
@@ -9,53 +9,39 @@ from jaxtyping import Array, Bool, Float, Int
 from sidestep.walking.speed_field import SpeedField, Speeds
 
 CrossingRule = Literal["integrated", "entry"]
+"""``entry`` (the paper, eq. 4) keeps the speed at entry to the end; ``integrated`` walks through the slots that the
+crossing spans, each at its own speed, so that nobody who enters later leaves earlier (FIFO)."""
 CROSSING_RULES: tuple[str, ...] = get_args(CrossingRule)
 
 
 def crossing_time(
-    field: SpeedField,
-    segment: Int[Array, ""],
-    length: Float[Array, ""],
-    clock: Float[Array, ""],
-    rule: CrossingRule = "integrated",
+    segment: SpeedField, length: Float[Array, ""], clock: Float[Array, ""], rule: CrossingRule = "integrated"
 ) -> Float[Array, ""]:
-    """Seconds to cross a segment entered at ``clock``.
-
-    ``entry`` (the paper, eq. 4) keeps the speed of the moment of entry to the end. ``integrated`` walks through the
-    slots that the crossing spans, each at its own speed: whoever enters later never leaves earlier (FIFO).
+    """Seconds to cross a segment.
 
     Parameters
     ----------
-    field
-        Speeds of one crowd (no leading axis).
-    segment, length
-        The segment and its length in metres.
+    segment
+        Speeds on this segment alone.
+    length
+        Its length in m.
     clock
-        Seconds since the scenario's start.
+        When it is entered, in s since the scenario's start.
+    rule
+        How speeds that change during the crossing count.
     """
-    return crossing_time_in(field.speed[segment], field.covered[segment], field.slot_seconds, length, clock, rule)
-
-
-def crossing_time_in(
-    speed: Float[Array, " slot"],
-    covered: Float[Array, " slot"],
-    slot_seconds: float,
-    length: Float[Array, ""],
-    clock: Float[Array, ""],
-    rule: CrossingRule = "integrated",
-) -> Float[Array, ""]:
-    """:func:`crossing_time` from one segment's own row of speeds and covered distances."""
-    last = speed.shape[-1] - 1
+    speed, covered, slot_seconds = segment.speed, segment.covered, segment.slot_seconds
+    last = segment.slots - 1
     now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
     if rule == "entry":
         return length / speed[now]
-    goal = covered[now] + speed[now] * (clock - now * slot_seconds) + length
-    # The slot in which the goal is reached. Counting beats a binary search: it is one pass over a short row.
-    then = jnp.clip(jnp.sum(covered <= goal) - 1, now, last)
-    return then * slot_seconds + (goal - covered[then]) / speed[then] - clock
+    end = covered[now] + speed[now] * (clock - now * slot_seconds) + length
+    # The slot in which the end is reached. Counting beats a binary search: it is one pass over a short row.
+    then = jnp.clip(jnp.sum(covered <= end) - 1, now, last)
+    return then * slot_seconds + (end - covered[then]) / speed[then] - clock
 
 
-def exposure_in(
+def exposure(
     density: Float[Array, "*n slot"], slot_seconds: float, begin: Float[Array, "*n"], end: Float[Array, "*n"]
 ) -> Float[Array, "*n"]:
     """Crowd met on segments from one clock to another: the integral of their density, in person·s/m²."""
@@ -67,10 +53,10 @@ def exposure_in(
 
 _Slots = tuple[
     Int[Array, ""], Int[Array, " segment"], Float[Array, " segment"], Float[Array, " segment"]
-]  # a slot; up to it the latest that each segment is walked in, with its speed and what is covered before it
+]  # a slot; up to it the latest that each segment is walked in, with its speed and the metres covered before it
 
 
-def crossing_times_at(
+def crossing_times(
     speed: Float[Array, "slot segment"],
     covered: Float[Array, "slot segment"],
     slot_seconds: float,
@@ -78,10 +64,10 @@ def crossing_times_at(
     clock: Float[Array, " segment"],
     rule: CrossingRule = "integrated",
 ) -> Float[Array, " segment"]:
-    """:func:`crossing_time_in` of all segments at once, each entered at its own clock; slots come first.
+    """:func:`crossing_time` of all segments at once, each entered at its own clock; slots come first.
 
     The same to the bit, but slot by slot for all segments instead of through the whole row of each: few slots are
-    spanned, and what is known of a slot lies together in memory.
+    spanned, and the numbers of a slot lie together in memory.
     """
     last = len(speed) - 1
     now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
@@ -100,17 +86,17 @@ def crossing_times_at(
     )
     if rule == "entry":
         return length / entered[2]
-    goal = entered[3] + entered[2] * (clock - now * slot_seconds) + length
+    end = entered[3] + entered[2] * (clock - now * slot_seconds) + length
 
     def further(slot: Int[Array, ""]) -> Bool[Array, " segment"]:
-        return covered[jnp.minimum(slot + 1, last)] <= goal
+        return covered[jnp.minimum(slot + 1, last)] <= end
 
     _, then, at, before = jax.lax.while_loop(
         lambda carry: (carry[0] < last) & further(carry[0]).any(),
         lambda carry: onward(carry, further(carry[0])),
         (first, *entered[1:]),
     )
-    return then * slot_seconds + (goal - before) / at - clock
+    return then * slot_seconds + (end - before) / at - clock
 
 
 def leaving_clock(
@@ -121,10 +107,10 @@ def leaving_clock(
     clock: Float[Array, ""],
     rule: CrossingRule = "integrated",
 ) -> Float[Array, ""]:
-    """Clock at the end of a segment that is entered at ``clock``, through one of several crowds.
+    """Clock at the end of a segment that is entered at ``clock``, in one of several futures.
 
-    The same as :func:`crossing_time` later, but only those slots are looked at that the crossing spans: nearly always
-    one or two of them.
+    The same as :func:`crossing_time` later, but it looks only at the slots that the crossing spans, nearly always one
+    or two of them.
     """
     last, slot_seconds = speeds.slots - 1, speeds.slot_seconds
     slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)

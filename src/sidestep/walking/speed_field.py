@@ -1,61 +1,135 @@
-"""Walking speeds on every segment in every slot."""
+"""Walking speeds on every segment in every slot: as a table, or worked out from counters where they are needed."""
 
-from dataclasses import replace
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sidestep.crowds.interpolation import InterpolationWeights
+from sidestep.crowds.base import Field, FlowField, SensedField
+from sidestep.network.graph import RoadNetwork
 from sidestep.walking.speed_laws import SpeedLaw
+
+
+@runtime_checkable
+class Speeds(Protocol):
+    """Walking speeds in several futures. The last slot's speed holds for ever after."""
+
+    interpolated: ClassVar[bool]
+    """Whether they follow from the densities at a few counters."""
+
+    @property
+    def keeps_density(self) -> bool:
+        """Whether they know densities."""
+        ...
+
+    @property
+    def slot_seconds(self) -> float:
+        """Length of a slot in s."""
+        ...
+
+    @property
+    def slots(self) -> int:
+        """Number of slots."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """Number of futures."""
+        ...
+
+    def of(self, future: Int[Array, ""], /) -> "SpeedField":
+        """Speeds on all segments in one of the futures."""
+        ...
+
+    def row(self, future: Int[Array, ""], segment: Int[Array, ""], /) -> "SpeedField":
+        """Speeds on one segment in one of the futures."""
+        ...
+
+    def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""], /) -> Float[Array, "*n"]:
+        """Speeds in m/s on segments in a slot of one of the futures."""
+        ...
+
+    def density_at(
+        self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""], /
+    ) -> Float[Array, "*n"]:
+        """Densities in persons/m² on segments in a slot of one of the futures."""
+        ...
+
+    def first(self, futures: int | None = None, slots: int | None = None) -> "Speeds":
+        """The first of the futures in the first slots; None: all of them."""
+        ...
+
+    def replaced(self, speeds: Any, index: Int[Array, " new"], /) -> "Speeds":
+        """The same with the futures of these numbers replaced by those of other ``speeds`` of the same kind."""
+        ...
+
+    def scaled(self, factor: float, /) -> "Speeds":
+        """Speeds in crowds ``factor`` times as dense.
+
+        Raises
+        ------
+        ValueError
+            Speeds that are not interpolated, whose law is not kept.
+        """
+        ...
+
+    def field(self, network: RoadNetwork, /) -> Field:
+        """The crowds that :func:`walking_speeds` made these speeds from."""
+        ...
 
 
 class SpeedField(eqx.Module):
     """Walking speed on every segment in every slot, and how far one gets in them.
 
-    Leading axes, if any, count alternative crowds. The last slot's speed holds for ever after.
+    Leading axes, if any, count futures; the speeds of a single segment have no axis of segments.
     """
 
-    speed: Float[Array, "*future segment slot"]  # m/s
-    covered: Float[Array, "*future segment slot"]  # m walked on the segment from clock 0 to the slot's beginning
+    interpolated: ClassVar[bool] = False
+
+    speed: Float[Array, "*future_segment slot"]
+    """Walking speed in m/s."""
+    covered: Float[Array, "*future_segment slot"]
+    """Metres walked on the segment from clock 0 to the slot's beginning."""
     slot_seconds: float = eqx.field(static=True)
-    density: Float[Array, "*future segment slot"] | None = None  # persons/m², where it is asked for
+    """Length of a slot in s."""
+    density: Float[Array, "*future_segment slot"] | None = None
+    """Persons/m²; None where they were not kept."""
+
+    @property
+    def keeps_density(self) -> bool:
+        return self.density is not None
 
     @property
     def slots(self) -> int:
-        """Number of slots."""
         return self.speed.shape[-1]
 
     @property
     def count(self) -> int:
-        """Number of alternative crowds, where there is a leading axis."""
         return self.speed.shape[0]
 
     def of(self, future: Int[Array, ""]) -> "SpeedField":
-        """One of the alternative crowds."""
-        density = None if self.density is None else self.density[future]
-        return SpeedField(self.speed[future], self.covered[future], self.slot_seconds, density)
+        return jax.tree.map(lambda leaf: leaf[future], self)
+
+    def row(self, future: Int[Array, ""], segment: Int[Array, ""]) -> "SpeedField":
+        return jax.tree.map(lambda leaf: leaf[future, segment], self)
+
+    def segment(self, segment: Int[Array, ""]) -> "SpeedField":
+        """Speeds on one segment, where there is no axis of futures."""
+        return jax.tree.map(lambda leaf: leaf[segment], self)
 
     def first(self, futures: int | None = None, slots: int | None = None) -> "SpeedField":
-        """The first of the alternative crowds in the first slots; None: all of them."""
-        part = (slice(futures), slice(None), slice(slots))
-        density = None if self.density is None else self.density[part]
-        return SpeedField(self.speed[part], self.covered[part], self.slot_seconds, density)
+        return jax.tree.map(lambda leaf: leaf[:futures, :, :slots], self)
 
     def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
-        """Speeds in m/s on segments in a slot of one of the crowds."""
         return self.speed[future, segment, slot]
 
     def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
-        """Densities in persons/m² on segments in a slot of one of the crowds."""
         return self.known_density[future, segment, slot]
 
-    def densities(self, future: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
-        """One segment's densities in persons/m² in one of the crowds."""
-        return self.known_density[future, segment]
-
     @property
-    def known_density(self) -> Float[Array, "*future segment slot"]:
+    def known_density(self) -> Float[Array, "*future_segment slot"]:
         """Densities in persons/m².
 
         Raises
@@ -67,78 +141,103 @@ class SpeedField(eqx.Module):
             raise ValueError("these speeds were made without their densities")
         return self.density
 
-    def through(
-        self, future: Int[Array, ""], segment: Int[Array, ""]
-    ) -> tuple[Float[Array, " slot"], Float[Array, " slot"]]:
-        """One segment's speeds in one of the crowds, and how far one gets in them."""
-        return self.speed[future, segment], self.covered[future, segment]
+    def replaced(self, speeds: "SpeedField", index: Int[Array, " new"]) -> "SpeedField":
+        return jax.tree.map(lambda old, new: old.at[index].set(new), self, speeds)
+
+    def scaled(self, _factor: float) -> "SpeedField":
+        raise ValueError("only speeds that are interpolated between counters can be scaled")
+
+    def field(self, network: RoadNetwork) -> FlowField:
+        volume = jnp.swapaxes(self.known_density, -1, -2) * network.length * network.width
+        return FlowField(volume, self.slot_seconds)
 
 
 class SensedSpeeds(eqx.Module):
-    """Walking speeds that follow from what sensors count, worked out where they are needed.
+    """Walking speeds that follow from the densities at counters, worked out where they are needed.
 
-    The same as a :class:`SpeedField` with a leading axis of crowds, but memory grows with sensors, not with segments.
+    The same as a :class:`SpeedField` with a leading axis of futures, but memory grows with counters, not with segments.
     """
 
-    density: Float[Array, "future slot sensor"]  # persons/m² at the sensors
-    weights: InterpolationWeights
+    interpolated: ClassVar[bool] = True
+    keeps_density: ClassVar[bool] = True
+
+    crowds: SensedField
+    """Densities at the counters, with a leading axis of futures."""
     law: SpeedLaw
-    slot_seconds: float = eqx.field(static=True)
+    """Speed by density."""
+
+    @property
+    def slot_seconds(self) -> float:
+        return self.crowds.slot_seconds
 
     @property
     def slots(self) -> int:
-        """Number of slots."""
-        return self.density.shape[1]
+        return self.crowds.sensed.shape[1]
 
     @property
     def count(self) -> int:
-        """Number of alternative crowds."""
-        return self.density.shape[0]
+        return self.crowds.sensed.shape[0]
 
     def of(self, future: Int[Array, ""]) -> SpeedField:
-        """One of the alternative crowds, worked out on all segments."""
-        density = self.weights.everywhere(self.density[future])
+        density = self.crowds.weights.everywhere(self.crowds.sensed[future])
         return speed_field(self.law.speed(density).T, self.slot_seconds, density.T)
 
-    def first(self, futures: int | None = None, slots: int | None = None) -> "SensedSpeeds":
-        """The first of the alternative crowds in the first slots; None: all of them."""
-        return replace(self, density=self.density[:futures, :slots])
+    def row(self, future: Int[Array, ""], segment: Int[Array, ""]) -> SpeedField:
+        density = self.crowds.densities(future, segment)
+        return speed_field(self.law.speed(density), self.slot_seconds, density)
 
     def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
-        """Speeds in m/s on segments in a slot of one of the crowds."""
         return self.law.speed(self.density_at(future, segment, slot))
 
     def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
-        """Densities in persons/m² on segments in a slot of one of the crowds."""
-        near, weight = self.weights.sensor[segment], self.weights.weight[segment]
-        return jnp.sum(weight * self.density[future, slot, near], axis=-1)
+        return self.crowds.density_at(future, segment, slot)
 
-    def through(
-        self, future: Int[Array, ""], segment: Int[Array, ""]
-    ) -> tuple[Float[Array, " slot"], Float[Array, " slot"]]:
-        """One segment's speeds in one of the crowds, and how far one gets in them."""
-        speed = self.law.speed(self.densities(future, segment))
-        return speed, covered_metres(speed, self.slot_seconds)
+    def first(self, futures: int | None = None, slots: int | None = None) -> "SensedSpeeds":
+        return self._with_densities(self.crowds.sensed[:futures, :slots])
 
-    def densities(self, future: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
-        """One segment's densities in persons/m² in one of the crowds."""
-        near, weight = self.weights.sensor[segment], self.weights.weight[segment]
-        return weight @ self.density[future, :, near]
+    def replaced(self, speeds: "SensedSpeeds", index: Int[Array, " new"]) -> "SensedSpeeds":
+        return self._with_densities(self.crowds.sensed.at[index].set(speeds.crowds.sensed))
+
+    def scaled(self, factor: float) -> "SensedSpeeds":
+        return self._with_densities(factor * self.crowds.sensed)
+
+    def field(self, _network: RoadNetwork) -> SensedField:
+        return self.crowds
+
+    def _with_densities(self, sensed: Float[Array, "future slot sensor"]) -> "SensedSpeeds":
+        return SensedSpeeds(self.crowds.with_counted(sensed), self.law)
 
 
-Speeds = SpeedField | SensedSpeeds
+def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
+    """Speeds on every segment in crowds with a leading axis of futures.
+
+    Parameters
+    ----------
+    network, crowds
+        Streets, and the people on them.
+    law
+        Speed by density.
+    densities
+        Whether densities are kept beside speeds; where crowds are interpolated they always are.
+    """
+    if crowds.interpolated:
+        return SensedSpeeds(crowds, law)
+    return dense_speeds(network, crowds, law, densities=densities)
+
+
+def dense_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> SpeedField:
+    """The same, worked out on all segments; crowds may have any leading axes, or none."""
+    density = crowds.density(network)
+    speed = jnp.swapaxes(law.speed(density), -1, -2)
+    return speed_field(speed, crowds.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)
 
 
 def speed_field(
-    speed: Float[Array, "*future segment slot"],
+    speed: Float[Array, "*future_segment slot"],
     slot_seconds: float,
-    density: Float[Array, "*future segment slot"] | None = None,
+    density: Float[Array, "*future_segment slot"] | None = None,
 ) -> SpeedField:
     """Prepare speeds (m/s, positive) for crossing times; ``slot_seconds`` is the length of a slot."""
-    return SpeedField(speed, covered_metres(speed, slot_seconds), slot_seconds, density)
-
-
-def covered_metres(speed: Float[Array, "*lead slot"], slot_seconds: float) -> Float[Array, "*lead slot"]:
-    """Metres walked from clock 0 to the beginning of each slot."""
     after = jnp.cumsum(speed * slot_seconds, axis=-1)
-    return jnp.concatenate([jnp.zeros_like(after[..., :1]), after[..., :-1]], axis=-1)
+    covered = jnp.concatenate([jnp.zeros_like(after[..., :1]), after[..., :-1]], axis=-1)
+    return SpeedField(speed, covered, slot_seconds, density)

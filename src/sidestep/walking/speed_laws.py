@@ -1,5 +1,7 @@
 """How fast people walk in a crowd."""
 
+from typing import Literal
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -68,3 +70,7 @@ def density_at_speed(law: SpeedLaw, speed: Float[np.ndarray, "*shape"]) -> Float
         low, high = jnp.where(faster, middle, low), jnp.where(faster, high, middle)
     found = jnp.where(wanted >= law.speed(jnp.float32(0.0)), 0.0, high)
     return np.asarray(found)[place.reshape(np.shape(speed))]
+
+
+Law = Literal["power", "power-capped", "weidmann"]
+LAWS: dict[Law, SpeedLaw] = {"power": Aoki(capped=False), "power-capped": Aoki(capped=True), "weidmann": Weidmann()}

@@ -1,0 +1,125 @@
+"""Crossing segments: the seconds that it takes, and what the objective makes of them."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from sidestep.environment.types import EnvParams
+from sidestep.walking.crossing_time import crossing_time, crossing_times, exposure
+from sidestep.walking.objective import Crossing, Deferred, Objective
+from sidestep.walking.speed_field import SpeedField
+from sidestep.walking.waits import Wait
+
+
+def with_mean_waits(params: EnvParams) -> EnvParams:
+    """The same with lights at their mean wait, for plans by somebody who does not know their phases."""
+    return replace(params, waits=params.waits.averaged())
+
+
+def as_expected(params: EnvParams) -> EnvParams:
+    """The same where crowds come as expected, and lights take their mean wait."""
+    futures = params.futures.first(params.expected.count)
+    return with_mean_waits(replace(params, futures=replace(futures, speeds=params.expected, cost_to_go=None)))
+
+
+def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
+    """Walk a segment in one of the futures.
+
+    Parameters
+    ----------
+    params
+        The environment.
+    future, segment, clock
+        In which future, which segment, and the clock in s at which the walker comes to it.
+    """
+    speeds = params.futures.speeds.row(future, segment)
+    return cross_at_speeds(params, speeds, params.wait_in(future), segment, clock)
+
+
+def cross_at_speeds(
+    params: EnvParams, speeds: SpeedField, wait: Wait, segment: Int[Array, ""], clock: Float[Array, ""]
+) -> Crossing:
+    """:func:`cross` at given ``speeds`` on this segment, after waits as given."""
+    length, waited = params.network.length[segment], wait(segment, clock)
+    seconds = waited + crossing_time(speeds, length, clock + waited, params.rule)
+    return _crossing(params.objective, speeds, clock, seconds, length)
+
+
+def crossings(
+    params: EnvParams,
+    speeds: SpeedField,
+    wait: Wait,
+    *,
+    begins: Float[Array, ""] | float = 0.0,
+    every: int = 1,
+) -> Crossing:
+    """Walk all segments, entered as slots begin: arrays [step, segment].
+
+    Parameters
+    ----------
+    params
+        The environment.
+    speeds
+        In one future.
+    wait
+        Seconds to wait before segments.
+    begins
+        Clock in s at which the speeds begin.
+    every
+        Steps in each slot.
+    """
+    length, segments = params.network.length, jnp.arange(params.network.segments)
+    steps = jnp.arange(speeds.slots * every) * (speeds.slot_seconds / every)
+    speed, covered = speeds.speed.T, speeds.covered.T
+
+    def at(clock: Float[Array, ""]) -> Crossing:
+        come = jnp.full(segments.shape, clock)
+        waited = wait(segments, begins + come)
+        seconds = waited + crossing_times(speed, covered, speeds.slot_seconds, length, come + waited, params.rule)
+        return _crossing(params.objective, speeds, come, seconds, length)
+
+    return jax.lax.map(at, steps)
+
+
+def static_crossing(
+    objective: Objective,
+    metres: Float[Array, "*n"],
+    speed: Float[Array, "*n"],
+    density: Deferred,
+    wait: Float[Array, "*n"] | float = 0.0,
+) -> Crossing:
+    """Walk segments if their crowds stayed as they are.
+
+    Parameters
+    ----------
+    objective
+        What it costs.
+    metres, speed, density
+        Length in m, speed in m/s and density in persons/m² of each.
+    wait
+        Seconds to wait before each.
+    """
+    seconds = wait + metres / speed
+    return objective.crossing(seconds, metres, lambda: density() * seconds, density)
+
+
+def _crossing(
+    objective: Objective,
+    speeds: SpeedField,
+    clock: Float[Array, "*n"],
+    seconds: Float[Array, "*n"],
+    length: Float[Array, "*n"],
+) -> Crossing:
+    """What it costs to come to segments at clocks and to leave them so many seconds later."""
+
+    # Walkers who wait stand in the crowd of the street that they are about to walk.
+    def met() -> Float[Array, "*n"]:
+        return exposure(speeds.known_density, speeds.slot_seconds, clock, clock + seconds)
+
+    def density() -> Float[Array, "*n"]:
+        slot = jnp.clip(jnp.floor(clock / speeds.slot_seconds).astype(jnp.int32), 0, speeds.slots - 1)
+        return jnp.take_along_axis(speeds.known_density, slot[..., None], axis=-1)[..., 0]
+
+    return objective.crossing(seconds, length, met, density)

@@ -1,0 +1,203 @@
+"""Walks that begin and end in the middle of streets: the nearest street, and streets split at points on them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Float64, Int
+from shapely.ops import substring
+
+from sidestep.network.graph import RoadNetwork, road_network
+from sidestep.network.town import Town, TownError
+
+FARTHEST = 250.0
+"""Metres from the nearest street beyond which a place counts as outside the town."""
+SAME_NODE = 1.0
+"""Metres within which a point on a street counts as the crossing, or the other point, that is there."""
+
+
+@dataclass(frozen=True)
+class StreetPoint:
+    """A point on a street."""
+
+    street: int
+    """Number of the street in its town."""
+    fraction: float
+    """Of the street's length, from its tail."""
+    distance: float
+    """Metres from the place that was asked for."""
+    place: tuple[float, float]
+    """Latitude and longitude in degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapper:
+    """Find the nearest street of a town. Its index is built once; a query takes well under a millisecond."""
+
+    town: Town
+    """The town whose streets are searched."""
+
+    def nearest(self, latitude: float, longitude: float, farthest: float = FARTHEST) -> StreetPoint:
+        """Find the nearest point on a street.
+
+        Parameters
+        ----------
+        latitude, longitude
+            Degrees, WGS 84.
+        farthest
+            Largest distance in metres.
+
+        Returns
+        -------
+        StreetPoint
+            The point on the street.
+
+        Raises
+        ------
+        TownError
+            Invalid coordinates, or no street within ``farthest``.
+        """
+        if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
+            raise TownError(
+                f"{latitude:g}, {longitude:g} is not a valid place: "
+                "give degrees of latitude (-90 to 90), then of longitude (-180 to 180)",
+                field="place",
+            )
+        town, (lines, tree) = self.town, self._index
+        here = shapely.Point(town.project(np.array([longitude, latitude])))
+        candidates, (distance, *_) = tree.query_nearest(here, return_distance=True)
+        if distance > farthest:
+            (west, south), (east, north) = town.place.min(axis=0), town.place.max(axis=0)
+            raise TownError(
+                f"{latitude:g}, {longitude:g} is {distance:,.0f} m from the nearest street, so it is not in this town "
+                f"(latitude {south:.4f} to {north:.4f}, longitude {west:.4f} to {east:.4f})",
+                field="place",
+            )
+        street = int(candidates.min())  # of streets that meet at the nearest crossing, always the same one
+        line = lines[street]
+        along = shapely.line_locate_point(line, here)
+        on_street = shapely.get_coordinates(shapely.line_interpolate_point(line, along))[0]
+        longitude, latitude = town.projection.unproject(on_street).tolist()
+        fraction = float(along) / max(line.length, 1e-12)  # two crossings may be at the same place
+        return StreetPoint(street, fraction, float(distance), (latitude, longitude))
+
+    @cached_property
+    def _index(self) -> tuple[np.ndarray, shapely.STRtree]:
+        """All courses in metres, and the tree over them."""
+        first = self.town.first
+        street = np.repeat(np.arange(self.town.streets), np.diff(first))
+        lines = shapely.linestrings(self.town.project(self.town.points), indices=street)
+        tree = shapely.STRtree(lines)
+        tree.query(lines[0])  # GEOS builds the tree on the first query: before threads share it
+        return lines, tree
+
+
+@dataclass(frozen=True, eq=False)
+class SplitStreets:
+    """The streets of a town, some of them split at points.
+
+    Nodes and segments of the town keep their numbers; a split segment keeps its number for its first piece.
+    """
+
+    town: Town
+    """The town whose streets these are."""
+    network: RoadNetwork
+    """Its network with the points as additional nodes."""
+    nodes: tuple[int, ...]
+    """Node of each point, in the order given."""
+    parent: Int[np.ndarray, " segment"]
+    """Segment of the town that each segment is a piece of; its own number where it is whole."""
+    street: Int[np.ndarray, " segment"]
+    """Street of the town that each segment runs along."""
+    begin: Float64[np.ndarray, " segment"]
+    """Fraction of the street's length at which each segment begins."""
+    end: Float64[np.ndarray, " segment"]
+    """Fraction at which each segment ends; less than ``begin`` on segments from the street's head to its tail."""
+
+    @property
+    def begins_at_crossing(self) -> Bool[np.ndarray, " segment"]:
+        """Which segments begin at a crossing of the town and not at a point where a street was split."""
+        return (self.begin == 0.0) | (self.begin == 1.0)
+
+    @property
+    def fraction(self) -> Float64[np.ndarray, " segment"]:
+        """Length of each segment as a fraction of its parent's."""
+        return np.abs(self.end - self.begin)
+
+    def course(self, segment: int) -> Float[np.ndarray, "point 2"]:
+        """Give the course of one segment.
+
+        Parameters
+        ----------
+        segment
+            Its number.
+
+        Returns
+        -------
+        Float[np.ndarray, "point 2"]
+            Longitudes and latitudes in degrees, in walking direction.
+        """
+        begin, end = float(self.begin[segment]), float(self.end[segment])
+        course = self.town.course(int(self.street[segment]))
+        if abs(end - begin) == 1:
+            return course if begin < end else course[::-1]
+        piece = substring(shapely.LineString(self.town.project(course)), begin, end, normalized=True)
+        return self.town.projection.unproject(shapely.get_coordinates(piece))
+
+
+def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStreets:
+    """Split streets at points; a point within ``SAME_NODE`` metres of a node is that node.
+
+    Parameters
+    ----------
+    town
+        The streets.
+    points
+        Nodes of the town, or points on its streets.
+
+    Returns
+    -------
+    SplitStreets
+        The streets with a node at every point.
+    """
+    base = town.network()
+    position = list(np.asarray(base.position))
+    nodes: list[int] = []
+    stops: dict[int, list[tuple[float, int]]] = {}  # along the streets with points: fractions and nodes
+    for point in points:
+        if isinstance(point, int):
+            nodes.append(point)
+            continue
+        tail, head, length = town.tail[point.street], town.head[point.street], float(town.length[point.street])
+        there = stops.setdefault(point.street, [(0.0, int(tail)), (1.0, int(head))])
+        away, node = min((abs(fraction - point.fraction) * length, node) for fraction, node in there)
+        if away >= SAME_NODE:
+            node = len(position)
+            position.append(town.project(np.array(point.place[::-1])))
+            there.append((point.fraction, node))
+        nodes.append(node)
+    street, backwards = town.street_of_segment()
+    # One row a segment: its parent, its tail and head, and the fractions at which it begins and ends.
+    columns = (np.arange(base.segments), np.asarray(base.tail), np.asarray(base.head), backwards, ~backwards)
+    rows = np.stack(columns, axis=1, dtype=np.float64)
+    added: list[tuple[float, ...]] = []
+    for segment in np.flatnonzero(np.isin(street, list(stops))).tolist():
+        along = sorted(stops[int(street[segment])], reverse=bool(backwards[segment]))
+        pieces = [(segment, tail, head, begin, end) for (begin, tail), (end, head) in pairwise(along)]
+        rows[segment] = pieces[0]
+        added += pieces[1:]
+    rows = np.concatenate([rows, np.reshape(added, (-1, 5))])
+    parent, tail, head = rows[:, :3].astype(np.int64).T
+    begin, end = rows[:, 3:].T
+    network = road_network(
+        np.stack(position),
+        tail,
+        head,
+        np.asarray(base.length)[parent] * np.abs(end - begin),
+        width=np.asarray(base.width)[parent],
+        exits=max(base.exits, 2),
+    )
+    return SplitStreets(town, network, tuple(nodes), parent, street[parent], begin, end)

@@ -1,0 +1,98 @@
+"""Streets while they are imported: columns of a table, and the streets that form one connected town."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int, Int64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+
+@dataclass(frozen=True, eq=False)
+class Streets:
+    """Streets between numbered nodes, with their courses; see `sidestep.network.town.Town` for the columns.
+
+    Kinds and names are codes. Unlike a town, streets may be loops, and there may be none.
+    """
+
+    tail: Int64[np.ndarray, " street"]
+    head: Int64[np.ndarray, " street"]
+    one_way: Bool[np.ndarray, " street"]
+    length: Float64[np.ndarray, " street"]
+    width: Float64[np.ndarray, " street"]
+    kind: Int64[np.ndarray, " street"]
+    name: Int64[np.ndarray, " street"]
+    signals: Int64[np.ndarray, " street"]
+    crossings: Int64[np.ndarray, " street"]
+    points: Float64[np.ndarray, "point 2"]
+    first: Int64[np.ndarray, " border"]
+
+    def __len__(self) -> int:
+        return len(self.tail)
+
+    @property
+    def ends(self) -> Int64[np.ndarray, "street 2"]:
+        """Tail and head of each street."""
+        return np.stack([self.tail, self.head], axis=1)
+
+    def keep(self, which: Bool[np.ndarray, " street"]) -> "Streets":
+        """Select streets.
+
+        Parameters
+        ----------
+        which
+            Whether to keep each street.
+
+        Returns
+        -------
+        Streets
+            Those to keep, in their order.
+        """
+        rows = np.flatnonzero(which)
+        order, first = ranges(self.first[rows], np.diff(self.first)[rows])
+        columns = {field.name: getattr(self, field.name)[rows] for field in fields(self)[:-2]}
+        return Streets(**columns, points=self.points[order], first=first)
+
+
+def ranges(
+    start: Int[np.ndarray, " range"], count: Int[np.ndarray, " range"], step: Int[np.ndarray, " range"] | int = 1
+) -> tuple[Int[np.ndarray, " number"], Int64[np.ndarray, " border"]]:
+    """List the numbers of several ranges one after another.
+
+    Parameters
+    ----------
+    start, count, step
+        First number of each range, how many there are, and the distance between them.
+
+    Returns
+    -------
+    Int[np.ndarray, " number"], Int64[np.ndarray, " border"]
+        The numbers; and where among them each range begins, with their total at last.
+    """
+    first = np.concatenate([[0], np.cumsum(count, dtype=np.int64)]).astype(np.int64)
+    within = np.arange(first[-1]) - np.repeat(first[:-1], count)
+    return np.repeat(start, count) + within * np.repeat(np.broadcast_to(step, len(count)), count), first
+
+
+def largest_component(streets: Streets) -> Bool[np.ndarray, " street"]:
+    """Find the largest part of a town in which every node can be reached from every other.
+
+    Parameters
+    ----------
+    streets
+        At least one.
+
+    Returns
+    -------
+    Bool[np.ndarray, " street"]
+        Whether each street is in the strongly connected component with the most nodes.
+    """
+    nodes = int(streets.ends.max()) + 1
+    back = ~streets.one_way
+    tail = np.concatenate([streets.tail, streets.head[back]])
+    head = np.concatenate([streets.head, streets.tail[back]])
+    links = coo_array((np.ones(len(tail), np.int32), (tail, head)), shape=(nodes, nodes))
+    _, component = connected_components(links, directed=True, connection="strong")
+    used = np.unique(streets.ends)
+    best = int(np.argmax(np.bincount(component[used])))
+    return (component[streets.ends] == best).all(axis=1)

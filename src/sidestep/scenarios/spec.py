@@ -1,0 +1,206 @@
+"""What all specs of a scenario have in common: strict, frozen, and refused with one sentence where they are wrong."""
+
+import difflib
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from sidestep.errors import SidestepError
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class ScenarioError(SidestepError):
+    """A scenario that is unknown or wrong.
+
+    Parameters
+    ----------
+    message
+        The sentence.
+    field
+        The field at fault, as a dotted path.
+    line
+        Its line in the scenario file, counted from 1.
+    others
+        Further mistakes that were found with this one, in the order of their lines.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        field: str | None = None,
+        line: int | None = None,
+        others: Sequence["ScenarioError"] = (),
+    ) -> None:
+        super().__init__(message, field=field, line=line)
+        self.others = tuple(others)
+
+
+class Fault(NamedTuple):
+    """One mistake in the values of a spec."""
+
+    path: tuple[str, ...]
+    """The field, from the outermost spec inwards."""
+    sentence: str
+    """What is wrong."""
+
+
+MOST_LISTED = 16  # names in one sentence
+
+
+class _Refusing(ModelMetaclass):
+    """Lets constructors raise this package's error."""
+
+    def __call__(cls, *args: Any, **values: Any) -> Any:  # noqa: N805 # of a class
+        try:
+            return super().__call__(*args, **values)
+        except ValidationError as error:
+            found = faults(error, cls)  # type: ignore[arg-type]
+            first, *others = (ScenarioError(said, field=".".join(path) or None) for path, said in found)
+            first.others = tuple(others)
+            raise first from None
+
+
+class Spec(BaseModel, metaclass=_Refusing):
+    """A part of a scenario: plain values without arrays, hashable, not changed by anybody.
+
+    Values are taken as they are: no text becomes a number, no list a tuple. Every constructor raises
+    :class:`ScenarioError`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, validate_default=True, allow_inf_nan=False)
+    inner: ClassVar[str] = ""
+    """The field with a spec whose fields :meth:`changed` takes as well."""
+
+    @property
+    def called(self) -> str:
+        """What messages call it."""
+        return type(self).__name__
+
+    def changed(self, **changes: object) -> Self:
+        """The same with other values, validated again.
+
+        Parameters
+        ----------
+        **changes
+            Fields of this spec, or of the specs in it for which no name is needed: of the place of a scenario and the
+            crowd source of a place.
+
+        Raises
+        ------
+        ScenarioError
+            Unknown fields and wrong values.
+        """
+        known = list(_changeable(self))
+        for name in changes:
+            if name not in known:
+                raise ScenarioError(f"{self.called} has no field {name}{_meant(name, known)}", field=name)
+        own = {name: value for name, value in changes.items() if name in type(self).model_fields}
+        values = dict(self) | own
+        if inside := {name: value for name, value in changes.items() if name not in own}:
+            values[self.inner] = values[self.inner].changed(**inside)
+        return type(self)(**values)
+
+
+def _changeable(spec: Spec) -> Iterator[str]:
+    yield from type(spec).model_fields
+    if spec.inner:
+        yield from _changeable(getattr(spec, spec.inner))
+
+
+# What pydantic's types of errors mean, for a sentence that begins with the field.
+_MEANINGS = {
+    "missing": "is missing",
+    "too_short": "has too few values",
+    "too_long": "has too many values",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "string_type": "must be text",
+    "string_pattern_mismatch": "must not be blank",
+    "bool_type": "must be true or false",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "literal_error": "must be {expected}",
+    "union_tag_invalid": "must be {expected_tags}, not '{tag}'",
+    "union_tag_not_found": "is missing",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "value_error": "{error}",
+}
+_COMPLETE = ("missing", "value_error", "union_tag_invalid", "union_tag_not_found")  # say themselves what there is
+
+
+def faults(error: ValidationError, kind: type[BaseModel]) -> list[Fault]:
+    """The mistakes that pydantic found in the values of a ``kind`` of spec."""
+    return [_fault(found, kind) for found in error.errors(include_url=False)]
+
+
+def _fault(found: Any, kind: type[BaseModel]) -> Fault:
+    sort, place = found["type"], found["loc"]
+    if sort == "extra_forbidden":
+        path, kinds = _walk(kind, place[:-1])
+        known = [field.alias or name for one in kinds for name, field in one.model_fields.items()]
+        path = (*path, str(place[-1]))
+        return Fault(path, f"{'.'.join(path)} is unknown{_meant(path[-1], known)}")
+    path, _ = _walk(kind, (*place, "kind") if sort.startswith("union_tag") else place)
+    if sort == "missing" and isinstance(place[-1], int):
+        sort = "too_short"
+    meaning = _MEANINGS[sort].format_map(found.get("ctx", {})) if sort in _MEANINGS else found["msg"]
+    but = "" if sort in _COMPLETE else f", not {shown(found['input'])}"
+    return Fault(path, f"{'.'.join(path) or kind.__name__} {meaning}{but}")
+
+
+def _walk(kind: type[BaseModel], place: Iterable[str | int]) -> tuple[tuple[str, ...], list[type[BaseModel]]]:
+    """The fields that lead to a place in a spec, without the tags of unions and numbers of items, and what is there."""
+    path: list[str] = []
+    kinds = [kind]
+    for element in place:
+        tagged = [one for one in kinds if "kind" in one.model_fields and one.model_fields["kind"].default == element]
+        here = {
+            field.alias or name: field
+            for one in kinds
+            for name, field in one.model_fields.items()
+            if element in (name, field.alias)
+        }
+        if len(kinds) > 1 and tagged:
+            kinds = tagged
+        elif kinds and isinstance(element, str):  # else it is in plain values, or the number of a spec in a list
+            path += here or [element]
+            kinds = [inside for field in here.values() for inside in _specs_in(field.annotation)] if here else kinds
+    return tuple(path), kinds
+
+
+def _specs_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _specs_in(part)
+
+
+def _meant(name: str, known: list[str]) -> str:
+    if close := difflib.get_close_matches(name.lower(), known, n=1):
+        return f"; did you mean {close[0]}?"
+    return f"; there are {', '.join(known)}" if len(known) <= MOST_LISTED else ""
+
+
+def shown(value: object) -> str:
+    """A value in a message, as a scenario file has it: whole, or, where that is long, its beginning."""
+    if isinstance(value, dict | BaseModel):
+        return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list):
+        text = f"[{', '.join(map(shown, value))}]"
+    else:
+        text = repr(value) if isinstance(value, str | float) else str(value)
+    return text if len(text) <= 60 else f"{text[:60]}…"
