@@ -96,15 +96,16 @@ class Spec(BaseModel, metaclass=_Refusing):
         ScenarioError
             Unknown fields and wrong values.
         """
-        known = list(_changeable(self))
-        for name in changes:
+        own = {name: value for name, value in changes.items() if name in type(self).model_fields}
+        inside = {name: value for name, value in changes.items() if name not in own}
+        changed = type(self)(**dict(self) | own)
+        known = list(_changeable(changed))
+        for name in inside:
             if name not in known:
                 raise ScenarioError(f"{self.called} has no field {name}{_meant(name, known)}", field=name)
-        own = {name: value for name, value in changes.items() if name in type(self).model_fields}
-        values = dict(self) | own
-        if inside := {name: value for name, value in changes.items() if name not in own}:
-            values[self.inner] = values[self.inner].changed(**inside)
-        return type(self)(**values)
+        if not inside:
+            return changed
+        return changed.changed(**{self.inner: getattr(changed, self.inner).changed(**inside)})
 
 
 def _changeable(spec: Spec) -> Iterator[str]:
