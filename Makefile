@@ -1,33 +1,42 @@
 # make demo and make test each work as the first command on a fresh machine with Python >= 3.11 and make.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format lock reproduce clean
+.PHONY: help setup demo test check format coverage test-lowest lock reproduce clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 BIN := .venv/bin
 # Some machines forbid byte-code, and without it every start takes seconds: setup compiles it whatever they say.
 UNCOMPILED := env -u PYTHONDONTWRITEBYTECODE
+UV = $(UNCOMPILED) $(BIN)/uv
+COMPILE = $(BIN)/uv pip compile pyproject.toml --group build --quiet --universal --python-version 3.11 --generate-hashes \
+	--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock"
 
 help:
-	@echo "make demo      train a walker on one congested map, print the table, draw the routes (demo/)"
-	@echo "make test      the test suite"
-	@echo "make check     format, lint, types, layer contracts"
-	@echo "make setup     only create .venv"
-	@echo "make lock      compile requirements.txt anew from pyproject.toml"
-	@echo "make reproduce the paper's figures and numbers, 100 maps (reproduction/)"
+	@echo "make demo         train a walker on one congested map, print the table, draw the routes (demo/)"
+	@echo "make test         the test suite"
+	@echo "make check        format, lint, types, layer contracts"
+	@echo "make setup        create .venv with everything that the tests and checks need"
+	@echo "make coverage     the test suite, with coverage of src/"
+	@echo "make test-lowest  the test suite with the lowest versions of the direct dependencies (.venv-lowest)"
+	@echo "make lock         compile requirements.txt and requirements-dev.txt anew from pyproject.toml"
+	@echo "make reproduce    the paper's figures and numbers, 100 maps (reproduction/)"
 
-setup: .venv/ready
+setup: .venv/ready-dev
 
 .venv/ready: requirements.txt pyproject.toml
 	@test -n "$(PYTHON)" || { echo "sidestep needs Python 3.11 or newer, with its venv module, on the PATH" >&2; exit 2; }
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
-	$(UNCOMPILED) $(BIN)/uv pip install --quiet --python $(BIN)/python --require-hashes --compile-bytecode --requirements requirements.txt
-	$(UNCOMPILED) $(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
+	$(UV) pip install --quiet --python $(BIN)/python --require-hashes --compile-bytecode --requirements requirements.txt
+	$(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
 	$(UNCOMPILED) $(BIN)/python -m compileall -q src
 	@touch $@
 
-demo: setup
+.venv/ready-dev: .venv/ready requirements-dev.txt
+	$(UV) pip install --quiet --python $(BIN)/python --require-hashes --compile-bytecode --requirements requirements-dev.txt
+	@touch $@
+
+demo: .venv/ready
 	$(BIN)/sidestep demo --out demo
 
 test: setup
@@ -43,12 +52,23 @@ format: setup
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-lock:
-	$(BIN)/uv pip compile pyproject.toml --quiet --extra dev --universal --python-version 3.11 --generate-hashes \
-		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" --output-file requirements.txt
+coverage: setup
+	$(BIN)/python -m pytest -n 2 --cov --cov-report=term
 
-reproduce: setup
+test-lowest: setup
+	test -x .venv-lowest/bin/python || $(PYTHON) -m venv .venv-lowest
+	$(BIN)/uv pip compile pyproject.toml --group build --quiet --extra dev --python-version 3.11 --resolution lowest-direct \
+		--no-emit-index-url --output-file .venv-lowest/requirements.txt
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --compile-bytecode --requirements .venv-lowest/requirements.txt
+	$(UV) pip install --quiet --python .venv-lowest/bin/python --no-deps --no-build-isolation --editable .
+	.venv-lowest/bin/python -m pytest -n 2
+
+lock:
+	$(COMPILE) --output-file requirements.txt
+	$(COMPILE) --extra dev --constraint requirements.txt --output-file requirements-dev.txt
+
+reproduce: .venv/ready
 	$(BIN)/sidestep reproduce --maps 100 --out reproduction
 
 clean:
-	rm -rf .venv demo reproduction
+	rm -rf .venv .venv-lowest demo reproduction

@@ -1,12 +1,12 @@
-"""Time of one environment step and one gradient step: Sidestep's ``paper`` preset beside Stable-Baselines3's DQN.
+"""Measure one environment step with its gradient step: Sidestep's ``paper`` preset beside Stable-Baselines3's DQN.
 
 Both learn the same map with the same sizes: two inputs, two hidden layers of 50, batches of 32 from the latest 10,000
 steps, one gradient step after every step, the same reward and the same ends of episodes. Each runs once to warm up (and
 compile); then they take turns, and the medians are compared. See README.md for how to install and run this.
 
-What is not the same is to the advantage of Stable-Baselines3: its replay is uniform, where the paper's preset keeps
-priorities and draws by them, and its network has no dueling heads; Sidestep's time contains the ten greedy test walks
-that follow every round. The environment of Stable-Baselines3 is plain Python, as its users write them.
+The differences favour Stable-Baselines3: its replay is uniform, while the paper's preset keeps priorities and draws by
+them; its network has no dueling heads; and Sidestep's time includes the ten greedy test walks after every round. The
+environment of Stable-Baselines3 is plain Python, as its users write them.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from stable_baselines3 import DQN
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
-from sidestep.agent.train import train
+from sidestep.agent.train import training_rounds
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import EnvParams
 from sidestep.scenarios.builtin import scenario
@@ -46,8 +46,8 @@ class Grid(gymnasium.Env):
         self.length = network.length.tolist()
         self.metres = np.asarray(network.position, np.float64)
         blocks = self.metres / np.diff(np.unique(self.metres[:, 0]))[0]
-        self.seen = blocks.astype(np.float32)
-        self.speed = np.asarray(params.futures.speed, np.float64).tolist()  # [crowd][segment][slot]
+        self.observed = blocks.astype(np.float32)
+        self.speed = np.asarray(params.futures.speed, np.float64).tolist()  # [future][segment][slot]
         self.slot_seconds = params.futures.slot_seconds
         self.origin, self.destination, self.horizon = problem.origin, problem.destination, problem.horizon
         self.reward = problem.reward
@@ -60,21 +60,21 @@ class Grid(gymnasium.Env):
         super().reset(seed=seed)
         self.future = options["future"] if options else self.np_random.integers(len(self.speed))
         self.node, self.clock = self.origin, 0.0
-        return self.seen[self.node], {}
+        return self.observed[self.node], {}
 
     def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Walk to the next crossing; an exit that does not exist is replaced by the next one round."""
-        before, way = self.node, int(action)
-        while self.exit_node[before][way] < 0:
-            way = (way + 1) % 4
-        segment = self.exit_segment[before][way]
+        before, taken = self.node, int(action)
+        while self.exit_node[before][taken] < 0:
+            taken = (taken + 1) % 4
+        segment = self.exit_segment[before][taken]
         seconds = self.crossing_seconds(self.speed[self.future][segment], self.length[segment])
         self.clock += seconds
-        self.node = self.exit_node[before][way]
+        self.node = self.exit_node[before][taken]
         arrived = self.node == self.destination
         progress = self.far[before] - self.far[self.node]
         reward = -seconds / self.reward.unit_seconds + self.reward.progress * progress + self.reward.bonus * arrived
-        return self.seen[self.node], reward, arrived, not arrived and self.clock >= self.horizon, {}
+        return self.observed[self.node], reward, arrived, not arrived and self.clock >= self.horizon, {}
 
     def crossing_seconds(self, speed: list[float], metres: float) -> float:
         """Walk through the slots that the crossing spans, at each slot's speed."""
@@ -106,12 +106,11 @@ def check_same(grid: Grid, problem: Scenario, scenario_map: ScenarioMap, params:
 
 def sidestep_run(config: TrainConfig, problem: Scenario, scenario_map: ScenarioMap) -> Callable[[], float]:
     """A function that trains one round more and returns the microseconds of a step."""
-    rounds = train(config, problem, scenario_map)
+    rounds = training_rounds(config, problem, scenario_map)
 
     def run() -> float:
         began = perf_counter()
-        state, _ = next(rounds)
-        state.network.value.bias.block_until_ready()
+        jax.block_until_ready(next(rounds)[0])
         return 1e6 * (perf_counter() - began) / config.round_steps
 
     return run

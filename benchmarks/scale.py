@@ -1,11 +1,11 @@
-"""How time and memory grow with the town: import, loading, one route, potentials, training.
+"""Measure how time and memory grow with the town: import, loading, one route, costs to go, training.
 
-    python benchmarks/scale.py                                   10³, 10⁴ and 10⁵ crossings; --json
+    python benchmarks/scale.py                                   10³, 10⁴ and 10⁵ crossings
     python benchmarks/scale.py --side 316 --part training --rounds 8
 
-Towns are invented (`streets.py`). Their scenario is what `sidestep new` writes, with their streets and longer horizons:
-160 paired sensors crowd a smaller part of larger towns. Every part runs in a process of its own, so that its peak of
-memory is its own.
+Towns are invented (`streets.py`). Their scenario is the one that `sidestep new` writes, with their streets and longer
+horizons: 160 paired sensors crowd a smaller part of larger towns. Every part runs in a process of its own, so that its
+peak of memory is its own.
 """
 
 import argparse
@@ -14,7 +14,6 @@ import resource
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -22,20 +21,17 @@ from time import perf_counter
 import jax
 import jax.numpy as jnp
 import numpy as np
+from sidestep.environment.knowledge import expected_cost_to_go
 from streets import write
 
 from sidestep.agent.presets import preset_for
-from sidestep.agent.train import shown, train
-from sidestep.environment.knowledge import expected_cost_to_go
+from sidestep.agent.runs import train
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
 from sidestep.planners.base import walk_plan
-from sidestep.planners.learned import Darp
-from sidestep.planners.reactive import GreedyMap
-from sidestep.planners.registry import BASELINES, REPLANNING, choose
-from sidestep.planners.shortest_path import ShortestPath
-from sidestep.planners.time_dependent import Clairvoyant, Expected
+from sidestep.planners.learned import trained_darp
+from sidestep.planners.registry import choose_planners, find_planner
 from sidestep.scenarios.episodes import anywhere_to_anywhere, instances, set_out
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
@@ -82,18 +78,18 @@ def loading(folder):
     return {"segments": network.segments, "seconds": perf_counter() - began}
 
 
-def world(folder, destinations, level):
-    """The scenario, its environment with recorded futures, and a walk to each of so many destinations."""
+def environment(folder, destinations, level):
+    """The scenario, its environment with recorded futures, and a walk to each of several destinations."""
     problem = find_scenario(folder / "scenario.toml")
     scenario_map = draw_map(problem, 0)
-    ends = anywhere_to_anywhere(scenario_map, destinations, 0)
-    here = set_out(problem, scenario_map, ends)
-    params = make_environment(problem, here, "test", destinations, level=level, destinations=ends)
-    return problem, params, instances(problem, here, params, destinations, destinations=ends)
+    nodes = anywhere_to_anywhere(scenario_map, destinations, 0)
+    here = set_out(problem, scenario_map, nodes)
+    params = make_environment(problem, here, "test", destinations, level=level, destinations=nodes)
+    return problem, params, instances(problem, here, params, destinations, destinations=nodes)
 
 
 def milliseconds(run, turns=TURNS):
-    """The best of several turns, which neighbours disturb least; what compiles comes before."""
+    """The best of several turns, which neighbours disturb least, after one that compiles."""
     jax.block_until_ready(run())
     times = []
     for _ in range(turns):
@@ -104,13 +100,13 @@ def milliseconds(run, turns=TURNS):
 
 
 def routes(folder):
-    """One route at a time: what a planner works out for it, after all is loaded and compiled."""
+    """One route at a time: planning it, after everything is loaded and compiled."""
     began = perf_counter()
-    _, params, todo = world(folder, PAIRS, "position")
+    _, params, todo = environment(folder, PAIRS, "position")
     jax.block_until_ready(params)
     found = {"prepared_seconds": perf_counter() - began}
     alone = [jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], todo) for k in range(PAIRS)]
-    for planner in (ShortestPath(), Expected(), Clairvoyant()):
+    for planner in map(find_planner, ("shortest-path", "expected", "clairvoyant")):
         each = [
             milliseconds(partial(lambda p, one: np.asarray(p.plan(params, one).own), planner, one)) for one in alone
         ]
@@ -118,35 +114,31 @@ def routes(folder):
     return found
 
 
-def potentials(folder):
-    """Times to one destination, from everywhere at every hour, and a walk by them."""
-    problem, params, todo = world(folder, 1, "map")
-    goal = (jnp.arange(params.network.nodes) == todo.destination[0])[None]
+def costs_to_go(folder):
+    """Costs to go to one destination, from everywhere at every hour, and a walk by them."""
+    problem, params, todo = environment(folder, 1, "map")
+    at_destination = (jnp.arange(params.network.nodes) == todo.destination[0])[None]
     tables = jax.jit(expected_cost_to_go)
-    took = milliseconds(lambda: tables(params, goal), 2)
-    planner = GreedyMap()
+    took = milliseconds(lambda: tables(params, at_destination), 2)
+    planner = find_planner("greedy-map")
     plan = planner.plan(params, todo)
     walk = milliseconds(lambda: walk_plan(planner, params, plan, todo, jax.random.key(0), 1_000))
     return {"slots": problem.slots, "both_tables_ms": took, "walk_ms": walk}
 
 
 def training(folder, rounds, walks, destinations):
-    """Training by the preset, or to fewer goals, and how the agent then walks held-out futures beside `expected`."""
+    """Training by the preset, or to fewer destinations, and the agent's walks through held-out futures."""
     problem = find_scenario(folder / "scenario.toml")
     config = preset_for(problem, "default", "map")
-    config = replace(config, rounds=min(rounds or config.rounds, config.rounds))
+    config = config.changed(rounds=min(rounds or config.rounds, config.rounds))
     if destinations:  # and two futures for each, as in the preset
-        config = replace(config, destinations=destinations, futures=2 * destinations, fresh_futures=destinations)
-    scenario_map = draw_map(problem, 0)
+        config = config.changed(destinations=destinations, futures=2 * destinations, fresh_futures=destinations)
     began, ended = perf_counter(), []
-    for state, report in train(config, problem, scenario_map):
-        network = jax.block_until_ready((shown(config, state), report))[0]
-        ended.append(perf_counter() - began)
+    run = train(problem, config, on_round=lambda _: ended.append(perf_counter() - began))
     peak = peak_gib()
-    darp = Darp(network, np.zeros((1, 1)), "map")
-    factories = BASELINES | REPLANNING | {"darp": lambda *_: darp}
-    found = compare(problem, choose(["darp"], factories), maps=[0], walks=walks)
-    rows = found.as_json()["planners"]
+    darp = trained_darp(run.model)
+    planners = choose_planners(problem, []).factories | {"darp": lambda *_: darp}
+    rows = compare(problem, planners, maps=[0], walks=walks).to_json()["planners"]
     later = float(np.median(np.diff(ended))) if len(ended) > 1 else ended[0]
     return {
         "destinations": config.destinations,
@@ -163,7 +155,7 @@ def training(folder, rounds, walks, destinations):
     }
 
 
-PARTS = {"invent": invent, "import": importing, "load": loading, "routes": routes, "potentials": potentials}
+PARTS = {"invent": invent, "import": importing, "load": loading, "routes": routes, "costs-to-go": costs_to_go}
 
 
 def peak_gib():
@@ -186,7 +178,7 @@ def main():
     parser.add_argument("--part", choices=[*PARTS, "training"], help="by default all")
     parser.add_argument("--rounds", type=int, help="of training; by default the preset's")
     parser.add_argument("--walks", type=int, default=200, help="of the comparison after training")
-    parser.add_argument("--goals", type=int, help="that training learns; by default the preset's")
+    parser.add_argument("--destinations", type=int, help="that training learns; by default the preset's")
     parser.add_argument("--folder", help="where a town is kept between parts")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)  # in this process
     options = parser.parse_args()

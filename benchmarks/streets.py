@@ -1,4 +1,4 @@
-"""How long an OpenStreetMap extract takes to import, and its streets to load, and how much memory that needs.
+"""Measure time and memory to import an OpenStreetMap extract, and time to load its streets.
 
     python benchmarks/streets.py            10⁶ nodes, invented
     python benchmarks/streets.py --side 50  fewer

@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -65,6 +66,17 @@ LEFT_OUT = {
     "µs",
 }
 NEAR = 1e-6
+# What was renamed, and what is new, since the results were written.
+RENAMED = {"others": "baselines", "regret": "gap", "regret_ci95": "gap_ci95", "rival": "baseline"}
+NEW = {
+    "departure_minutes", "expected_crowds", "first_leg", "label", "minutes", "node", "segment", "synthetic",
+    *("attribution", "baselines", "counted_sensors", "crowding", "crowds", "departs", "departure", "destination"),
+    *("exposure", "hour_of_week", "legs", "mean_density", "objective", "origin", "scenario", "sensors", "steps"),
+    "too_dense",
+}  # fmt: skip
+REWORDED = (
+    r"─+|^\d+ streets, |, departing 0 min after the start|; demand 120 × the counts \(an invented event day\)|\.$"
+)
 
 
 def run(name: str) -> object:
@@ -91,16 +103,24 @@ def run(name: str) -> object:
 def plain(value: object) -> object:
     """Without what varies."""
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items() if key not in LEFT_OUT}
+        return {RENAMED.get(key, key): plain(item) for key, item in value.items() if key not in LEFT_OUT}
     return [plain(item) for item in value] if isinstance(value, list) else value
+
+
+def words(line: str) -> str:
+    """A line of text without its layout, and without what is said otherwise."""
+    return " ".join(re.sub(REWORDED, "", line.strip()).split())
 
 
 def differences(old: object, new: object, where: str = "") -> list[str]:
     """Where two results differ by more than rounding."""
     if isinstance(old, dict) and isinstance(new, dict):
         lines = [f"{where}: gone: {key} (was {old[key]!s:.80})" for key in old.keys() - new.keys()]
-        lines += [f"{where}: new: {key} = {new[key]!s:.80}" for key in new.keys() - old.keys()]
+        lines += [f"{where}: new: {key} = {new[key]!s:.80}" for key in new.keys() - old.keys() - NEW]
         return lines + [line for key in old if key in new for line in differences(old[key], new[key], f"{where}/{key}")]
+    if isinstance(old, list) and all(isinstance(line, str) for line in old):
+        text = "\n".join(map(words, new))
+        return [f"{where}: no longer there: {line}" for line in map(words, old) if line not in text]
     if isinstance(old, list) and isinstance(new, list):
         if len(old) != len(new):
             return [f"{where}: {len(old)} items, now {len(new)}"]
@@ -123,8 +143,9 @@ def main() -> None:
             file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
             print(f"{name}: written", flush=True)
             continue
-        found = differences(json.loads(file.read_text(encoding="utf-8")), found)
-        print(f"{name}: {'the same' if not found else f'{len(found)} differences'}", flush=True)
+        found = differences(plain(json.loads(file.read_text(encoding="utf-8"))), found)
+        other = sum(": new: " not in line for line in found)
+        print(f"{name}: {f'{other} differences' if other else 'the same, and new keys' if found else 'the same'}", flush=True)
         for line in found[:40]:
             print(f"    {line}", flush=True)
 

@@ -14,8 +14,7 @@ from sidestep.agent.presets import preset
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import percent
 from sidestep.files import write_text
-from sidestep.planners.learned import load_planners
-from sidestep.planners.registry import BASELINES, REPLANNING, choose
+from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import BUILT_IN
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -64,15 +63,13 @@ def main(folder: Path) -> None:
             write_text(target, json.dumps(run(folder, level, untrained), indent=2) + "\n")
         results[level] = json.loads(target.read_text(encoding="utf-8"))
         page += f"\n## Level `{level}`\n\n"
-        page += (
-            f"| agent | options of `train` | minutes | over `expected` | 95 % | over `{untrained}` | 95 % | regret |\n"
-        )
+        page += f"| agent | options of `train` | minutes | over `expected` | 95 % | over `{untrained}` | 95 % | over the clairvoyant |\n"
         page += "|---|---|--:|--:|--:|--:|--:|--:|\n"
         for name, row in results[level]["planners"].items():
             options = " ".join(VARIANTS.get(name.removeprefix("darp-"), ())) if name.startswith("darp") else ""
             page += f"| {name} | {options and f'`{options}`'} | {row['minutes']:.1f} | "
             page += " | ".join(f"{each[0]:+.2f} | {each[1]:+.2f} to {each[2]:+.2f}" for each in row["over"])
-            page += f" | {percent(row['regret'], 2)} |\n"
+            page += f" | {percent(row['gap'], 2)} |\n"
     first = results["local"]
     steps = " and ".join(f"{results[level]['steps']} at level `{level}`" for level in LEVELS)
     models = sum(name.startswith("darp") for found in results.values() for name in found["planners"])
@@ -96,18 +93,17 @@ def run(folder: Path, level: str, untrained: str) -> dict[str, object]:
             steps = json.loads((model / "trained.json").read_text(encoding="utf-8"))["config"]["n_step"]
         models.append(model)
     problem = BUILT_IN[SCENARIO]
-    learned = load_planners(models, problem, seed=0)
-    names = [*learned.factories, untrained]
-    chosen = choose(names, {**BASELINES, **REPLANNING, **learned.factories})
-    compared = compare(problem, chosen, maps=[0], walks=problem.walks)
-    baselines = [compared.as_json(baseline=baseline)["planners"] for baseline in ("expected", untrained)]
+    chosen = choose_planners(problem, [untrained], models=models)
+    compared = compare(problem, chosen.factories, maps=[0], walks=problem.walks)
+    baselines = [compared.to_json(baseline=baseline)["planners"] for baseline in ("expected", untrained)]
     planners = {
         name: {
             "minutes": baselines[0][name]["mean_minutes"],
-            "regret": baselines[0][name]["regret"],
+            "gap": baselines[0][name]["gap"],
             "over": [[rows[name]["difference_minutes"], *rows[name]["difference_ci95"]] for rows in baselines],
         }
-        for name in [*names, "expected"]
+        for name in chosen.factories
+        if name.startswith("darp") or name in (untrained, "expected")
     }
     return {"walks": problem.walks, "steps": steps, "planners": planners}
 

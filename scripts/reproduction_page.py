@@ -8,8 +8,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from sidestep.evaluation.compare import Results
-from sidestep.evaluation.metrics import cells
+from sidestep.evaluation.metrics import markdown_table
 from sidestep.experiments.paper import LITERAL
 from sidestep.files import write_text
 
@@ -22,17 +21,19 @@ TITLES = {
 }
 HEAD = """# The paper, reproduced
 
+This page sets the paper's figures and numbers beside ours, and says which of its claims hold.
+
 ```sh
 sidestep reproduce --maps {maps} --seed {seed} --out reproduction   # also writes report.html and results.json
 python scripts/reproduction_page.py reproduction               # this page
 ```
 
-{maps} maps a condition, {walks} walks a map; `darp` (the `default` preset) is trained anew on every map, `darp-paper`
-(the paper's settings as printed) on the first {literal}. All planners walk the same maps through the same crowds, which
-training never met. Minutes are means with 95 % bootstrap intervals over maps; *saved* is against `shortest-path`,
-*regret* is the time over that of the clairvoyant, the lower bound; a walk that does not arrive counts as 24 hours.
-`expected` is the best plan that can be made beforehand. What we had to decide or correct is listed in
-[`experiments/paper.py`](../src/sidestep/experiments/paper.py).
+{maps} maps in each condition, {walks} walks on each map. `darp` (the preset `default`) is trained anew on every map,
+`darp-paper` (the paper's settings as printed) on the first {literal}. All planners walk the same maps through the same
+crowds, which training never met. Minutes are means with 95 % bootstrap intervals over maps; a walk that does not arrive
+counts as 24 hours. *Saved* is against `shortest-path`; *over the clairvoyant* is the distance to the lower bound, the
+time of a planner that knows the future. `expected` is the best plan that can be made beforehand. The docstring of
+[`experiments/paper.py`](../src/sidestep/experiments/paper.py) lists what we had to decide or correct.
 
 ## What holds
 
@@ -51,20 +52,11 @@ def main(folder: Path) -> None:
         page += f"| {claim['paper']} | {claim['ours']} | **{claim['verdict']}** | {claim['why']} |\n"
     (DOCS / "images").mkdir(exist_ok=True)
     for key, title in TITLES.items():
-        page += f"\n## {title}\n\n" + table(results[key])
+        page += f"\n## {title}\n\n" + markdown_table(results[key]["planners"], results[key]["maps"])
         picture = f"{key.replace('_', '-')}.png"
         shutil.copy(folder / picture, DOCS / "images" / picture)
         page += f"\n![Learning curves: {title}](images/{picture})\n"
     write_text(DOCS / "reproduction.md", page)
-
-
-def table(compared: Results) -> str:
-    """One condition in Markdown."""
-    text = "| planner | knows | minutes | 95 % | saved | best map | regret | 95 % | arrive | µs a decision |\n"
-    text += "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|\n"
-    for name, row in compared["planners"].items():
-        text += f"| {' | '.join(cells(name, row, compared['maps']).values())} |\n"
-    return text
 
 
 if __name__ == "__main__":

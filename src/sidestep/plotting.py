@@ -17,7 +17,8 @@ from sidestep.environment.types import EnvParams
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Route
-from sidestep.routing.plan import Journey
+from sidestep.routing.plan import RoutePlan
+from sidestep.routing.request import NO_COORDINATES, RouteError
 
 INK = "#1f2933"
 COLOURS = {
@@ -37,12 +38,20 @@ _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="wh
 STYLES = {"clairvoyant": ":", "expected": "--", "shortest-path": "-", "random-progress": "-."}
 
 
+def _colour(planner: str, number: int) -> str:
+    """A planner's own colour, or one of matplotlib's."""
+    return COLOURS.get(planner, f"C{number}")
+
+
 @dataclass(frozen=True)
 class Curve:
-    """Minutes after every round, over maps."""
+    """The learning curve of one preset."""
 
     minutes: Float[np.ndarray, "map round"]
+    """Mean minutes of the greedy test walks after every round."""
+
     round_steps: int
+    """Steps of a round."""
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -52,23 +61,33 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str, float]) -> Figure:
-    """The paper's figures 4 and 5: minus the minutes of greedy test walks over rounds of training.
+    """Draw the paper's figures 4 and 5: minus the minutes of greedy test walks over rounds of training.
 
-    Thick lines are means over maps, bands the middle half of the maps; baselines that do not learn are level. Minutes
-    go from near zero (walkers that arrive) to the horizon (walkers that do not), hence the logarithmic axis.
+    Thick lines are means over maps, bands the middle half of the maps; planners that do not learn are level lines.
+    Minutes reach from near zero (walkers that arrive) to the horizon (walkers that do not), hence the logarithmic axis.
+
+    Parameters
+    ----------
+    title
+        Heading of the picture.
+    curves
+        Learning curves by preset.
+    lines
+        Mean minutes by planner.
     """
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
-    for name, minutes in lines.items():
-        label = f"{name} ({-minutes:.0f})"
-        axes.axhline(minutes, color=COLOURS[name], linestyle=STYLES[name], linewidth=1.6, label=label)
-    for name, curve in curves.items():
+    for number, (name, minutes) in enumerate(lines.items()):
+        label, colour = f"{name} ({-minutes:.0f})", _colour(name, number)
+        axes.axhline(minutes, color=colour, linestyle=STYLES.get(name, "-"), linewidth=1.6, label=label)
+    for number, (name, curve) in enumerate(curves.items()):
+        colour = _colour(name, number)
         rounds = np.arange(1, curve.minutes.shape[1] + 1)
         low, high = np.percentile(curve.minutes, [25, 75], axis=0)
         mean = curve.minutes.mean(axis=0)
-        axes.fill_between(rounds, low, high, color=COLOURS[name], alpha=0.2, linewidth=0)
+        axes.fill_between(rounds, low, high, color=colour, alpha=0.2, linewidth=0)
         label = f"{name} ({-mean[-1]:.0f} after {len(rounds)} rounds of {curve.round_steps:,} steps)"
-        axes.plot(rounds, mean, color=COLOURS[name], linewidth=2.4, label=label)
+        axes.plot(rounds, mean, color=colour, linewidth=2.4, label=label)
     axes.set_yscale("log")
     axes.invert_yaxis()
     ticks = [50, 75, 100, 150, 250, 500, 1000, 1440]
@@ -87,7 +106,19 @@ def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str,
 def crowded_map(
     title: str, params: EnvParams, volume: Float[np.ndarray, " segment"], routes: Mapping[str, Route]
 ) -> Figure:
-    """The streets, coloured by the people on them at departure, and the routes of planners side by side."""
+    """Draw a grid's streets, coloured by the people on them, and the routes of planners side by side.
+
+    Parameters
+    ----------
+    title
+        Heading of the picture.
+    params
+        The environment.
+    volume
+        Persons on each segment at the departure.
+    routes
+        One route by each planner.
+    """
     network = params.network
     figure = Figure(figsize=(8.5, 7.5), layout="constrained")
     axes = figure.subplots()
@@ -103,7 +134,7 @@ def crowded_map(
         capstyle="round",
     )
     axes.add_collection(streets)
-    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at departure")
+    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at the departure")
     ticks = [tick for tick in (200, 500, 1000, 2000, 5000) if fewest <= tick <= most]
     bar.set_ticks(ticks, labels=[f"{tick:,}" for tick in ticks])
     bar.minorticks_off()
@@ -114,7 +145,8 @@ def crowded_map(
         shift = (rank - (len(routes) - 1) / 2) * 0.045 * spacing
         line = _beside(legs, shift).reshape(-1, 2)
         label = f"{name}: {route.seconds / 60:.0f} min" + ("" if route.arrived else " (did not arrive)")
-        axes.plot(*line.T, color=COLOURS[name], linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
+        colour = _colour(name, rank)
+        axes.plot(*line.T, color=colour, linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
     for node, text in ((_routes_end(routes, 0), "origin"), (_routes_end(routes, -1), "destination")):
         x, y = np.asarray(network.position)[node]
         axes.plot(x, y, "o", color=INK, markersize=9, zorder=4)
@@ -135,19 +167,28 @@ def crowded_map(
     return figure
 
 
-def route_map(journey: Journey) -> Figure:
-    """The streets around a planned walk, coloured by the people expected on them at the departure, and the walk."""
-    trip, town = journey.trip, journey.trip.streets.town
+def draw_route(plan: RoutePlan) -> Figure:
+    """The streets around a route, coloured by the crowds that are expected on them at the departure, and the route.
+
+    Raises
+    ------
+    RouteError
+        On grids, which have no coordinates (field ``format``).
+    """
+    if plan.streets is None:
+        raise RouteError(NO_COORDINATES, field="format")
+    town = plan.streets.town
+    course = town.project(np.array(plan.course))
     figure = Figure(figsize=(8, 7.5), layout="constrained")
     axes = figure.subplots()
-    west, east, south, north = _frame(town.project(journey.course), town.project(town.points))
+    west, east, south, north = _frame(course, town.project(town.points))
     courses = np.split(town.project(town.points), town.first[1:-1])
     near = [
         street
         for street, course in enumerate(courses)
         if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
     ]
-    density = np.maximum(journey.streets_density[near], _SPARSE)
+    density = np.maximum(plan.streets.density[near], _SPARSE)
     fewest, most = float(np.quantile(density, 0.02)), 1.01 * float(density.max())
     streets = LineCollection(
         [courses[street] for street in near],
@@ -162,44 +203,55 @@ def route_map(journey: Journey) -> Figure:
     ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5) if fewest <= tick <= most]
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     bar.minorticks_off()
-    walk = town.project(journey.course)
     for colour, width in (("white", 6.5), (ROUTE, 3.4)):
-        axes.plot(*walk.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
-    for place, text, face in ((walk[0], "start", "white"), (walk[-1], "end", INK)):
+        axes.plot(*course.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
+    for place, text, face in ((course[0], "start", "white"), (course[-1], "end", INK)):
         axes.plot(*place, "o", color=face, markeredgecolor=INK, markeredgewidth=2.2, markersize=11, zorder=4)
         axes.annotate(text, place, xytext=(10, 8), textcoords="offset points", color=INK, zorder=5, **_HALO)
     axes.set_aspect("equal")
     axes.set(xlim=(west, east), ylim=(south, north))
     axes.axis("off")
     _scale_bar(axes, west, south, east - west)
-    metres, minutes = sum(leg.metres for leg in journey.legs), journey.route.seconds / 60
     figure.suptitle(
-        f"{trip.scenario.name}, {trip.departure.text}: {metres:,.0f} m, {minutes:.0f} min, "
-        f"planned by {journey.planner.name}",
+        f"{plan.scenario}, {plan.departs}: {plan.metres:,.0f} m, {plan.expected_minutes:.0f} min, "
+        f"planned by {plan.planner}",
         color=INK,
     )
     # Below the axes, where nothing lies under it.
-    figure.supxlabel(f"Streets: {town.attribution}\nCrowds: {trip.crowds}", fontsize=8, color=INK)
+    figure.supxlabel("\n".join(plan.sources), fontsize=8, color=INK)
     return figure
 
 
 class TradeOffPoint(TypedDict):
     """Means of the walks of one planner with one weight of exposure."""
 
-    weight: float | None  # s for each person·s/m²; None where it makes no difference
+    weight: float | None
+    """Seconds for each person·s/m²; None where it makes no difference."""
+
     minutes: float
-    exposure: float  # person·s/m²
+
+    exposure: float
+    """Crowd met, person·s/m²."""
+
     metres: float
     arrival_rate: float
 
 
 def trade_off_curve(title: str, caption: str, curves: Mapping[str, Sequence[TradeOffPoint]]) -> Figure:
-    """Minutes against the crowd met, one curve for each planner, one point for each weight of exposure."""
+    """Draw minutes against the crowd met.
+
+    Parameters
+    ----------
+    title, caption
+        Texts above and below the picture.
+    curves
+        By planner: one point for each weight of exposure.
+    """
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.subplots()
     for number, (name, points) in enumerate(curves.items()):
         minutes, exposure = [point["minutes"] for point in points], [point["exposure"] for point in points]
-        colour = COLOURS.get(name, f"C{number}")
+        colour = _colour(name, number)
         axes.plot(minutes, exposure, color=colour, linewidth=2, marker="o", label=name, zorder=3)
         for point in points:
             axes.annotate(

@@ -1,16 +1,15 @@
 """The presets: the paper's literal numbers, and that the default solves a map."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from sidestep.agent.config import TrainConfig, TrainConfigError, changed
-from sidestep.agent.presets import PRESETS, preset
+from sidestep.agent.config import TrainConfig, TrainConfigError
+from sidestep.agent.presets import PRESETS, preset, preset_for
+from sidestep.agent.runs import train
 from sidestep.environment.rollout import Walk
 from sidestep.environment.types import LEVELS
 from sidestep.planners.base import Planner, walk_plan
-from sidestep.planners.learned import train_darp
+from sidestep.planners.learned import trained_darp
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Clairvoyant
 from sidestep.scenarios.builtin import BUILT_IN, scenario
@@ -63,11 +62,12 @@ CONFIGS = {
 def test_presets_fit_together(config: TrainConfig) -> None:
     assert config.capacity % config.walkers == 0  # or the replay refuses them
     assert config.round_steps % config.walkers == 0  # or a round is shorter than it says
-    assert hash(config) == hash(dataclasses.replace(config))  # a static argument of compiled functions
+    assert hash(config) == hash(config.changed())  # a static argument of compiled functions
     assert config.batch <= config.capacity
     assert config.n_step <= config.iterations
-    # All crowds are replaced in turn, each as often as the others.
+    # All futures are replaced in turn, each as often as the others, and every destination has as many of them.
     assert config.fresh_futures == 0 or config.futures % config.fresh_futures == 0
+    assert config.futures % config.destinations == 0
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -78,7 +78,7 @@ def test_the_default_of_a_level_sees_that_level(level: str) -> None:
     # The baseline differs from it in three settings, and in no other.
     dqn = preset("dqn", level)
     assert (dqn.dueling, dqn.double, dqn.alpha) == (False, False, 0)
-    assert dataclasses.replace(dqn, dueling=True, double=True, alpha=config.alpha) == config
+    assert dqn.changed(dueling=True, double=True, alpha=config.alpha) == config
 
 
 def test_presets_by_name() -> None:
@@ -98,14 +98,16 @@ def test_nothing_is_remembered_of_places_where_several_maps_are_learned(level: s
 @pytest.mark.parametrize("level", ["local", "map", "live"])
 @pytest.mark.parametrize("name", ["paper", "tabular-q"])
 def test_what_knows_positions_alone_is_refused_beyond(name: str, level: str) -> None:
-    with pytest.raises(TrainConfigError, match=f"the preset {name} knows the walker's position alone; .*{level}"):
+    with pytest.raises(TrainConfigError) as caught:
         preset(name, level)
+    assert caught.value.field == "preset"
 
 
 @pytest.mark.parametrize("name", ["default", "dqn"])
 def test_positions_mean_nothing_on_other_maps(name: str) -> None:
-    with pytest.raises(TrainConfigError, match="coordinates mean nothing on maps that were never walked"):
+    with pytest.raises(TrainConfigError) as caught:
         preset(name, "position", several_maps=True)
+    assert caught.value.field == "level"
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -127,73 +129,51 @@ def test_a_table_never_overshoots() -> None:
     assert table.batch == table.capacity == table.walkers
 
 
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ({"rounds": 0}, "rounds must be at least 1, not 0"),
-        ({"batch": -32}, "batch must be at least 1, not -32"),
-        ({"gamma": 1.5}, "gamma must lie between 0 and 1, not 1.5"),
-        ({"epsilon": float("nan")}, "epsilon must lie between 0 and 1, not nan"),
-        ({"round_steps": 100}, "round_steps must be a multiple of the 64 walkers, not 100"),
-        ({"capacity": 20_000}, "capacity must be a multiple of the 64 walkers, not 20000"),
-        ({"n_step": 0}, "n_step must be at least 1, not 0"),
-        ({"n_step": 41}, "n_step must be at most the 40 iterations of a round, not 41"),
-        ({"destinations": 0}, "destinations must be at least 1, not 0"),
-        ({"futures": 0}, "futures must be at least 1, not 0"),
-        ({"test_walks": 0}, "test_walks must be at least 1, not 0"),
-        ({"epsilon_share": 0.0}, "epsilon_share must lie above 0 and up to 1, not 0"),
-        ({"random_origins": 1.1}, "random_origins must lie between 0 and 1, not 1.1"),
-        ({"destinations": 2}, "a walker that sees its position alone cannot tell 2 destinations apart"),
-        ({"places": -1}, "places must not be negative, not -1"),
-        ({"fresh_futures": -2}, "fresh_futures must not be negative, not -2"),
-        ({"fresh_futures": 10}, "fresh_futures must divide the 64 futures, so 10 will not do"),
-        ({"fresh_futures": 128}, "fresh_futures must divide the 64 futures, so 128 will not do"),
-    ],
-)
-def test_settings_that_cannot_be_are_refused(setting: dict[str, float], message: str) -> None:
-    with pytest.raises(TrainConfigError, match=message):
-        changed(PRESETS["default"], **setting)
+# --- Towns ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("setting", "fits"),
-    [
-        # Crowd c is for goal c modulo goals: of 48 crowds with 2 fresh ones, 5 goals or 4 would get mixed up.
-        ({"destinations": 2}, True),
-        ({"destinations": 4, "fresh_futures": 4}, True),
-        ({"destinations": 4}, False),
-        ({"destinations": 5}, False),
-        ({"destinations": 3, "fresh_futures": 0}, True),
-    ],
-)
-def test_at_level_live_goals_divide_the_crowds(setting: dict[str, float], fits: bool) -> None:
-    live = changed(preset("default", "live"), futures=48, fresh_futures=2)
-    if fits:
-        assert changed(live, **setting).destinations == setting["destinations"]
-        return
-    with pytest.raises(
-        TrainConfigError, match="at level live goals must divide the 48 crowds and the 2 fresh ones, so"
-    ):
-        changed(live, **setting)
-    # at the other levels what is known is the same for all crowds
-    assert changed(preset("default", "map"), **setting).destinations == setting["destinations"]
+@pytest.mark.parametrize("level", ["local", "map", "live"])
+def test_towns_have_long_returns_and_many_destinations(level: str) -> None:
+    config = preset_for(BUILT_IN["helsinki"], "default", level)
+    assert (config.level, config.places, config.n_step, config.destinations) == (level, 0, 16, 32)
+    assert config.huber > 0
+    # Each destination has as many futures; forecasts take too long to be renewed.
+    assert (config.futures, config.fresh_futures) == ((96, 0) if level == "live" else (64, 32))
+    assert preset_for(BUILT_IN["helsinki"], "dqn", level) == config.changed(dueling=False, double=False, alpha=0.0)
 
 
-def test_a_whole_round_may_be_one_return() -> None:
-    assert changed(PRESETS["default"], n_step=40).n_step == PRESETS["default"].iterations
+def test_corrections_have_margins_where_crowds_are_interpolated() -> None:
+    # Forecasts from counts are nearly exact: they are left for 30 s, expected crowds for 3 s.
+    for level, seconds in (("local", 0), ("map", 3), ("live", 30)):
+        config = preset_for(BUILT_IN["helsinki"], "default", level)
+        assert (config.correction_margin_seconds, config.estimate_when_revisiting) == (seconds, seconds > 0)
+    for name in ("rush-16", "unseen-maps"):
+        for level in ("local", "map", "live"):
+            config = preset_for(BUILT_IN[name], "default", level)
+            assert (config.correction_margin_seconds, config.estimate_when_revisiting) == (0, False)
 
 
-def test_changed_leaves_what_is_none() -> None:
-    default = PRESETS["default"]
-    assert changed(default, rounds=3, gamma=None) == dataclasses.replace(default, rounds=3)
+@pytest.mark.parametrize("name", ["default", "paper", "tabular-q"])
+def test_no_agent_walks_a_town_by_its_position(name: str) -> None:
+    with pytest.raises(TrainConfigError) as caught:
+        preset_for(BUILT_IN["helsinki"], name, "position")
+    assert caught.value.field == "level"
+
+
+def test_the_scenario_says_the_level() -> None:
+    assert preset_for(BUILT_IN["helsinki"], "default").level == BUILT_IN["helsinki"].level
+    assert preset_for(BUILT_IN["paper-congested"], "default") == PRESETS["default"]
+    assert preset_for(BUILT_IN["unseen-maps"], "default", "map").places == 0
+    assert preset_for(BUILT_IN["rush-32"], "default", "live") == preset("default", "live", nodes=1024)
+
+
+# --- The default, for real ------------------------------------------------------------------------------------------
 
 
 def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> None:
     problem = scenario("paper-congested", flows="forecast")
     scenario_map = draw_map(problem, seed=1)
-    rounds: list[int] = []
-    darp = train_darp(PRESETS["default"], problem, scenario_map, lambda number, _: rounds.append(number))
-    assert rounds == list(range(1, PRESETS["default"].rounds + 1))
+    darp = trained_darp(train(problem, PRESETS["default"], seed=1).model)
     params = make_environment(problem, scenario_map, "test", 1)
     todo = instances(problem, scenario_map, params, 1)
 

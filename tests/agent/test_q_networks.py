@@ -1,20 +1,19 @@
 """The dueling network: its head by hand, its size, its inputs, what is trained, and how it begins."""
 
-import dataclasses
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from sidestep.agent.presets import PRESETS
-from sidestep.agent.q_networks import DuelingQNetwork, Linear, combine, dueling_network
+from sidestep.agent.layers import Linear
+from sidestep.agent.presets import PRESETS, preset
+from sidestep.agent.q_networks import DuelingQNetwork, QTable, dueling_network, untrained
+from sidestep.agent.segment_network import SegmentQNetwork
 from sidestep.environment.types import Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.grid import grid_network
+from sidestep.scenarios.builtin import scenario
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +22,9 @@ def grid() -> RoadNetwork:
     return grid_network(6, np.random.default_rng(0))
 
 
-def network_for(grid: RoadNetwork, preset: str, seed: int = 0, **changes: object) -> DuelingQNetwork:
+def network_for(grid: RoadNetwork, name: str, seed: int = 0, **changes: object) -> DuelingQNetwork:
     """A fresh network as a preset has it."""
-    config = dataclasses.replace(PRESETS[preset], **changes)
+    config = PRESETS[name].changed(**changes)
     return dueling_network(grid, jax.random.key(seed), hidden=config.hidden, one_hot=config.one_hot, unit=config.unit)
 
 
@@ -37,36 +36,7 @@ def everywhere(grid: RoadNetwork) -> Observation:
 values = eqx.filter_jit(lambda network, seen: jax.vmap(network)(seen))
 
 
-# --- The head (eq. 20) ----------------------------------------------------------------------------------------------
-
-
-def test_combine() -> None:
-    advantage = jnp.array([1.0, 3.0, 8.0, 100.0])
-    two = jnp.array([True, True, False, False])
-    # Two valid exits: mean (1 + 3) / 2 = 2, so Q = 5 + 1 - 2 and 5 + 3 - 2; the 8 and the 100 do not count.
-    assert combine(jnp.float32(5), advantage, two)[:2].tolist() == [4, 6]
-    # Three: mean (1 + 3 + 8) / 3 = 4.
-    assert combine(jnp.float32(5), advantage, two.at[2].set(True))[:3].tolist() == [2, 4, 9]
-    # All four: mean 112 / 4 = 28.
-    assert combine(jnp.float32(5), advantage, two | True).tolist() == [-22, -20, -15, 77]
-    # One: nothing is left of the advantage.
-    assert combine(jnp.float32(5), advantage, jnp.array([False, False, True, False]))[2] == 5
-
-
-numbers = st.floats(-100, 100, width=32)
-
-
-@settings(max_examples=200)
-@given(
-    value=numbers,
-    advantage=st.lists(numbers, min_size=4, max_size=4),
-    valid=st.lists(st.booleans(), min_size=4, max_size=4).filter(any),
-)
-def test_the_mean_over_valid_exits_is_the_value(value: float, advantage: list[float], valid: list[bool]) -> None:
-    q = np.asarray(combine(jnp.float32(value), jnp.array(advantage), jnp.array(valid)))[valid]
-    np.testing.assert_allclose(q.mean(), value, atol=1e-3)
-    # and differences between exits are those of the advantage
-    np.testing.assert_allclose(q - q[0], np.array(advantage)[valid] - np.array(advantage)[valid][0], atol=1e-3)
+# --- By hand --------------------------------------------------------------------------------------------------------
 
 
 def test_a_network_by_hand() -> None:
@@ -189,6 +159,20 @@ def test_another_key_gives_another_network(grid: RoadNetwork) -> None:
     )
 
 
-def test_a_node_without_exits_has_a_value_all_the_same() -> None:
-    q = combine(jnp.float32(2.0), jnp.array([1.0, 3.0]), jnp.zeros(2, bool))
-    assert q.tolist() == [3.0, 5.0]
+# --- Which one a configuration has ----------------------------------------------------------------------------------
+
+
+def test_configurations_have_the_network_that_they_ask_for(grid: RoadNetwork) -> None:
+    problem, key = scenario("paper-congested"), jax.random.key(0)
+    table = untrained(PRESETS["tabular-q"], problem, grid, key)
+    assert isinstance(table, QTable)
+    assert table.q.shape == (36, 4)
+    position = untrained(PRESETS["default"], problem, grid, key)
+    assert eqx.tree_equal(position, network_for(grid, "default"))
+    local = untrained(preset("default", "local"), problem, grid, key)
+    assert isinstance(local, SegmentQNetwork)
+    assert local.reward_seconds == problem.reward.unit_seconds
+    # A day of quarters of an hour, each with 8 numbers for every node.
+    assert local.places is not None
+    assert local.places.table.shape == (97, 36, 8)
+    assert untrained(preset("default", "live"), problem, grid, key).places is None

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from sidestep.agent.presets import preset_for
-from sidestep.crowds.crowd_table import load_crowd_table, read_table, save_crowd_table
-from sidestep.crowds.table import TableFlow
+from sidestep.crowds.crowd_table import load_crowd_table, save_crowd_table
+from sidestep.crowds.table_flow import TableFlow
+from sidestep.crowds.table_reader import read_table
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import save_town
 from sidestep.network.town import Town
-from sidestep.planners.registry import BASELINES, REPLANNING, choose
+from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
@@ -161,8 +162,8 @@ def test_walks_through_a_table(folder: Path) -> None:
     first, second = np.asarray(place.flow.expected(hours, 2).density(place.network))[:, 0, :3]
     assert first == pytest.approx([0, 3.70808, 3.70808], rel=1e-4)
     assert second == pytest.approx([3.70808, 3.70808, 0], rel=1e-4)
-    chosen = choose(["shortest-path", "expected", "clairvoyant", "snapshot", "forecast"], {**BASELINES, **REPLANNING})
-    rows = compare(problem, chosen, maps=[0], walks=12, seed=0, workers=1).as_json(None, "expected")["planners"]
+    chosen = choose_planners(problem, ["snapshot", "forecast"]).factories
+    rows = compare(problem, chosen, maps=[0], walks=12).to_json()["planners"]
     assert all(row["arrival_rate"] == 1 for row in rows.values())
     # without noise crowds come as expected
     bound = rows["clairvoyant"]["mean_minutes"]

@@ -1,15 +1,25 @@
-"""Means, savings, regrets and their intervals, by hand."""
+"""Means, savings, gaps and their intervals, by hand."""
 
 import numpy as np
 import pytest
 
-from sidestep.evaluation.metrics import Record, cells, spread, summarise
+from sidestep.evaluation.metrics import (
+    HEADINGS,
+    PAPER_COLUMNS,
+    TEXT_COLUMNS,
+    Record,
+    cells,
+    join_records,
+    markdown_table,
+    spread,
+    summarise,
+)
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE
 
 
 def record(minutes: list[list[float]], arrived: list[list[bool]] | None = None, level: str = "map") -> Record:
     times = np.array(minutes, float)
-    return Record(level, times, np.ones(times.shape, bool) if arrived is None else np.array(arrived), 12.5)
+    return Record(level, times, np.ones(times.shape, bool) if arrived is None else np.array(arrived), times)
 
 
 # Means by map: 110 and 90 by the shortest path, 60 and 40 in hindsight, 80 and 50 by what is expected.
@@ -37,27 +47,30 @@ def test_by_hand() -> None:
     assert row["mean_minutes"] == pytest.approx(66)
     assert row["saving_vs_shortest_path"] == pytest.approx(1 - 66 / 100)
     assert row["best_saving"] == pytest.approx(1 - 66 / 110)  # on the other map it is 1 - 66/90
-    assert row["regret"] == pytest.approx(66 / 50 - 1)
-    assert (row["level"], row["maps"], row["arrival_rate"], row["decision_us"]) == ("position", 2, 1, 12.5)
+    assert row["gap"] == pytest.approx(66 / 50 - 1)
+    assert row["regret_minutes"] == pytest.approx(66 - 50)
+    assert (row["level"], row["maps"], row["arrival_rate"]) == ("position", 2, 1)
+    assert "decision_us" not in row  # nobody measured
+    assert "mean_cost_minutes" not in row  # time is all that counts
     # both maps alike: no matter which are drawn
     assert row["ci95"] == pytest.approx([66, 66])
     # two maps drawn again from 60 and 40: means of 40, 50, 50 or 60
-    assert row["regret_ci95"] == pytest.approx([66 / 60 - 1, 66 / 40 - 1])
+    assert row["gap_ci95"] == pytest.approx([66 / 60 - 1, 66 / 40 - 1])
 
 
 def test_references_are_rows_too() -> None:
     shortest, best = rows()[REFERENCE], rows()[BOUND]
     assert (shortest["saving_vs_shortest_path"], shortest["best_saving"]) == (0, 0)
-    assert shortest["regret"] == pytest.approx(1)  # 100 against 50
+    assert shortest["gap"] == pytest.approx(1)  # 100 against 50
     assert best["saving_vs_shortest_path"] == pytest.approx(0.5)
     assert best["best_saving"] == pytest.approx(1 - 40 / 90)
     assert best["level"] == "hindsight"
 
 
-def test_identical_planners_have_no_regret_in_any_resample() -> None:
+def test_identical_planners_have_no_gap_in_any_resample() -> None:
     row = rows(mine=record(BEST.minutes.tolist()))["mine"]
-    assert row["regret"] == 0
-    assert row["regret_ci95"] == [0, 0]
+    assert row["gap"] == 0
+    assert row["gap_ci95"] == [0, 0]
     assert row["ci95"][0] < row["ci95"][1]
 
 
@@ -66,7 +79,7 @@ def test_ratios_are_paired() -> None:
     rng = np.random.default_rng(0)
     best = rng.uniform(1, 100, (30, 4))
     row = against(record(best.tolist()), mine=record(1.1 * best))["mine"]
-    assert row["regret_ci95"] == pytest.approx([0.1, 0.1])
+    assert row["gap_ci95"] == pytest.approx([0.1, 0.1])
     assert row["ci95"][1] - row["ci95"][0] > 10
 
 
@@ -101,7 +114,7 @@ def test_with_one_map_its_walks_are_resampled() -> None:
     assert row["best_saving"] == pytest.approx(0.4)  # the best walk
     # Four draws of 60 or 80: all alike with probability 1/8, so 2.5 % lie at 60 and 2.5 % at 80.
     assert row["ci95"] == [60, 80]
-    assert row["regret_ci95"] == pytest.approx([0.2, 0.6])
+    assert row["gap_ci95"] == pytest.approx([0.2, 0.6])
     assert row["maps"] == 1
 
 
@@ -110,10 +123,10 @@ def test_a_row_with_fewer_maps_is_compared_on_those() -> None:
     row = rows(mine=record([[66, 66]]))["mine"]
     assert row["maps"] == 1
     assert row["saving_vs_shortest_path"] == pytest.approx(1 - 66 / 110)
-    assert row["regret"] == pytest.approx(0.1)
+    assert row["gap"] == pytest.approx(0.1)
     assert rows(mine=record([[66, 66]]))[REFERENCE]["maps"] == 2
     # one map: its walks, 50 and 70 in hindsight
-    assert row["regret_ci95"] == pytest.approx([66 / 70 - 1, 66 / 50 - 1])
+    assert row["gap_ci95"] == pytest.approx([66 / 70 - 1, 66 / 50 - 1])
 
 
 def test_walks_that_did_not_arrive_count_as_the_horizon() -> None:
@@ -121,7 +134,7 @@ def test_walks_that_did_not_arrive_count_as_the_horizon() -> None:
     row = rows(mine=record([[60, 1440], [60, 60]], [[True, False], [True, True]]))["mine"]
     assert row["mean_minutes"] == pytest.approx((750 + 60) / 2)
     assert row["arrival_rate"] == 0.75
-    assert row["regret"] == pytest.approx(405 / 50 - 1)
+    assert row["gap"] == pytest.approx(405 / 50 - 1)
     assert row["saving_vs_shortest_path"] == pytest.approx(1 - 405 / 100)
 
 
@@ -134,7 +147,7 @@ def test_the_seed_decides_the_resamples() -> None:
 
 def test_a_row_as_people_read_it() -> None:
     some = rows(mine=record([[55, 77]], level="position"))["mine"] | {
-        "ci95": [60.04, 70.0], "regret": 0.01234, "regret_ci95": [0.0, 0.0256], "decision_us": 1234.56,
+        "ci95": [60.04, 70.0], "gap": 0.01234, "gap_ci95": [0.0, 0.0256],
     }  # fmt: skip
     assert list(cells("mine", some, maps=2).items()) == [
         ("planner", "mine (1 maps)"),
@@ -143,10 +156,9 @@ def test_a_row_as_people_read_it() -> None:
         ("minutes 95 %", "60.0 to 70.0"),
         ("saved", "40.0 %"),
         ("best map", "45.0 %"),
-        ("regret", "1.23 %"),
-        ("regret 95 %", "0.00 to 2.56"),
+        ("gap", "1.23 %"),
+        ("gap 95 %", "0.00 to 2.56"),
         ("arrive", "100.0 %"),
-        ("µs a decision", "1,234.6"),
     ]
     assert cells("mine", some, maps=1)["planner"] == "mine"
 
@@ -159,6 +171,55 @@ def test_other_tables_have_other_columns() -> None:
         "mine (1 maps)", "66.0", "74.8", "50.0 %", "-14.00", "-13.46 to +0.50",
     ]  # fmt: skip
     assert cells("mine", some | {"arrive_by": None}, 2, ["in time"]) == {"in time": ""}
+    assert cells("mine", some | {"decision_us": 1234.56}, 2, ["µs a decision"]) == {"µs a decision": "1,234.6"}
+
+
+def test_every_column_has_a_heading() -> None:
+    some = rows(mine=record([[55, 77]]))["mine"]
+    assert list(cells("mine", some, 1, HEADINGS)) == list(HEADINGS)
+    assert set(PAPER_COLUMNS) < HEADINGS.keys() > set(TEXT_COLUMNS)
+
+
+def test_tables_in_markdown() -> None:
+    some = {"mine": rows(mine=record([[55, 77]]))["mine"]}
+    assert markdown_table(some, 1, ("planner", "minutes", "gap")) == (
+        "| planner | minutes | over the clairvoyant |\n| --- | --: | --: |\n| mine | 66.0 | 10.00 % |\n"
+    )
+
+
+# --- Under an objective, and with timing ----------------------------------------------------------------------------
+
+
+def test_under_an_objective_planners_are_judged_by_cost() -> None:
+    def costly(minutes: float, cost: float) -> Record:
+        shape = (1, 4)
+        totals = {"exposure": np.full(shape, 90.0), "metres": np.full(shape, 800.0), "too_dense": np.eye(4)[:1]}
+        return Record("map", np.full(shape, minutes), np.ones(shape, bool), np.full(shape, cost), totals)
+
+    found = summarise({REFERENCE: costly(20.0, 50.0), BOUND: costly(30.0, 40.0), BASELINE: costly(25.0, 44.0)})
+    row = found[BASELINE]
+    assert (row["mean_minutes"], row["mean_cost_minutes"]) == (25, 44)
+    assert (row["mean_exposure"], row["mean_metres"], row["mean_too_dense"]) == (90, 800, 0.25)
+    assert row["gap"] == pytest.approx(0.1)
+    assert row["regret_minutes"] == pytest.approx(4)
+    assert row["saving_vs_shortest_path"] == pytest.approx(0.12)
+    assert found[BOUND]["difference_minutes"] == pytest.approx(-4)
+    columns = ("cost", "exposure", "metres", "too dense")
+    assert list(cells("mine", row, 1, columns).values()) == ["44.0", "90", "800", "0.25"]
+
+
+def test_records_of_parts_are_joined_walk_by_walk() -> None:
+    one, other = (
+        Record("map", np.full(2, n), np.array([True, n > 1]), np.full(2, 2 * n), {"metres": np.full(2, 3 * n)}, n)
+        for n in (1.0, 2.0)
+    )
+    both = join_records([one, other], lambda arrays: np.concatenate(arrays)[:3])
+    assert both.minutes.tolist() == [1, 1, 2]
+    assert both.arrived.tolist() == [True, False, True]
+    assert both.cost.tolist() == [2, 2, 4]
+    assert both.totals["metres"].tolist() == [3, 3, 6]
+    assert both.decision_us == 1.5  # the median
+    assert join_records([record([[1.0]]), record([[2.0]])], np.concatenate).decision_us is None
 
 
 # --- How single walks spread ----------------------------------------------------------------------------------------

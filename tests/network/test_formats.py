@@ -48,7 +48,7 @@ def test_geojson_is_written_and_not_read(town, tmp_path) -> None:
     assert one["geometry"]["type"] == "LineString"
     np.testing.assert_allclose(one["geometry"]["coordinates"], town.course(0), atol=1e-7)
     assert one["properties"]["kind"] == town.kind[0]
-    with pytest.raises(TownError, match="GeoJSON does not say which streets meet"):
+    with pytest.raises(TownError, match="GeoJSON"):
         load_town(path)
 
 

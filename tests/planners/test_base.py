@@ -1,7 +1,6 @@
-"""The planners beside brute force and scipy, and what all of them have in common."""
+"""The planners beside brute force and SciPy, and the properties that all of them share."""
 
 from itertools import pairwise, permutations
-from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +9,9 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from sidestep.agent.policy import Policy
 from sidestep.agent.q_networks import dueling_network
-from sidestep.environment.types import EnvParams, Level
+from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
 from sidestep.planners.base import Plan, Planner, routes, walk_plan
@@ -23,6 +23,7 @@ from sidestep.walking.speed_field import speed_field
 
 KEY = jax.random.key(0)
 SIDE = 4
+WALKS, TRACE = 200, 40  # on the grid; one number each, so that all tests share compiled programs
 PAIRS = list(permutations(range(4), 2))  # all walks on the diamond
 
 
@@ -36,7 +37,7 @@ def crowded_grid(make_params, seed: int = 0) -> EnvParams:
 
 def untrained(params: EnvParams) -> Darp:
     network = dueling_network(params.network, KEY, hidden=(8,), one_hot=True, unit=1.0)
-    return Darp(network, np.zeros((0, 10), np.float32))
+    return Darp(Policy(network), np.zeros((0, 10), np.float32))
 
 
 def metres(network: RoadNetwork, nodes: tuple[int, ...]) -> float:
@@ -52,13 +53,13 @@ def by_brute_force(network: RoadNetwork, origin: int, destination: int) -> float
     """The shortest of all orders in which other nodes could be passed."""
     distance = np.asarray(network.distance_matrix())
     others = [node for node in range(network.nodes) if node not in {origin, destination}]
-    ways = [
+    paths = [
         (origin, *between, destination) for count in range(len(others) + 1) for between in permutations(others, count)
     ]
     return min(
-        sum(distance[here, there] for here, there in pairwise(way))
-        for way in ways
-        if all(distance[here, there] > 0 for here, there in pairwise(way))
+        sum(distance[here, there] for here, there in pairwise(path))
+        for path in paths
+        if all(distance[here, there] > 0 for here, there in pairwise(path))
     )
 
 
@@ -89,8 +90,8 @@ def test_shortest_paths_on_grids_are_scipys(make_params, make_instance, seed: in
     network = params.network
     length = csr_array((network.length, (network.tail, network.head)), shape=(SIDE**2, SIDE**2))
     shortest = dijkstra(length)
-    ends = np.random.default_rng(seed).choice(SIDE**2, (10, 2))
-    found = routes(ShortestPath(), params, make_instance(ends[:, 0].tolist(), ends[:, 1].tolist()), KEY, SIDE**2)
+    ends = np.random.default_rng(seed).choice(SIDE**2, (WALKS, 2))
+    found = routes(ShortestPath(), params, make_instance(ends[:, 0].tolist(), ends[:, 1].tolist()), KEY, TRACE)
     for (origin, destination), route in zip(ends.tolist(), found, strict=True):
         assert route.nodes[-1] == destination
         assert metres(network, route.nodes) == pytest.approx(shortest[origin, destination], rel=1e-6)
@@ -114,9 +115,9 @@ def test_distances_respect_one_way_streets() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_random_progress_takes_the_fewest_crossings(make_params, make_instance, seed: int) -> None:
     params = crowded_grid(make_params, seed)
-    ends = np.random.default_rng(seed).choice(SIDE**2, (50, 2))
+    ends = np.random.default_rng(seed).choice(SIDE**2, (WALKS, 2))
     todo = make_instance(ends[:, 0].tolist(), ends[:, 1].tolist())
-    walked = walk_plan(RandomProgress(), params, RandomProgress().plan(params, todo), todo, KEY)
+    walked = walk_plan(RandomProgress(), params, RandomProgress().plan(params, todo), todo, KEY, TRACE)
     (x, y), (to_x, to_y) = ((nodes % SIDE, nodes // SIDE) for nodes in ends.T)
     assert walked.steps.tolist() == (abs(to_x - x) + abs(to_y - y)).tolist()
     assert walked.arrived.all()
@@ -124,7 +125,7 @@ def test_random_progress_takes_the_fewest_crossings(make_params, make_instance, 
 
 def test_random_progress_takes_every_path_of_fewest_crossings(make_params, make_instance) -> None:
     params = crowded_grid(make_params)
-    found = routes(RandomProgress(), params, make_instance([0] * 200, 10), KEY, 8)
+    found = routes(RandomProgress(), params, make_instance([0] * WALKS, 10), KEY, TRACE)
     # two to the right and two up: 4! / (2! 2!) = 6 paths, the rarest with probability 1/8
     assert len({route.nodes for route in found}) == 6
 
@@ -140,7 +141,7 @@ def test_random_progress_never_steps_sideways(make_params, make_instance) -> Non
 
 def test_a_random_walk_keeps_to_the_streets_and_takes_them_all(make_params, make_instance) -> None:
     params = crowded_grid(make_params)
-    found = routes(RandomWalk(), params, make_instance([0] * 50, SIDE**2 - 1), KEY, 500)
+    found = routes(RandomWalk(), params, make_instance([0] * WALKS, SIDE**2 - 1), KEY, TRACE)
     taken = {step for route in found for step in pairwise(route.nodes)}
     streets = set(zip(params.network.tail.tolist(), params.network.head.tolist(), strict=True))
     # Nobody leaves the destination; everything else is walked sooner or later.
@@ -157,32 +158,23 @@ def every_planner(params: EnvParams) -> list[Planner]:
     return [RandomWalk(), RandomProgress(), ShortestPath(), Expected(), Clairvoyant(), untrained(params)]
 
 
-def test_names_and_levels() -> None:
-    planners = [RandomWalk, RandomProgress, ShortestPath, Expected, Clairvoyant, Darp]
-    assert {planner.name: planner.level for planner in planners} == {
-        "random-walk": "position",
-        "random-progress": "position",
-        "shortest-path": "map",
-        "expected": "map",
-        "clairvoyant": "hindsight",
-        "darp": "position",
-    }
-    assert {planner.level for planner in planners} <= set(get_args(Level))
-
-
 def test_every_planner_plans_and_decides(make_params, make_instance) -> None:
     params = crowded_grid(make_params)
-    todo = make_instance([0, 5, 15, 3], [15, 10, 0, 3], [0.0, 10.0, 700.0, 5.0], [0, 1, 0, 1])
+    alike = WALKS // 4
+    todo = make_instance(
+        [0, 5, 15, 3] * alike, [15, 10, 0, 3] * alike, [0.0, 10.0, 700.0, 5.0] * alike, [0, 1] * 2 * alike
+    )
     for planner in every_planner(params):
         plan = planner.plan(params, todo)
         assert isinstance(plan, Plan)
-        assert all(leaf.shape[0] == 4 for leaf in jax.tree.leaves(plan.own))
+        assert all(leaf.shape[0] == WALKS for leaf in jax.tree.leaves(plan.own))
         assert planner.decide is type(planner).decide  # static: one compiled program for all of a kind
-        walked = walk_plan(planner, params, plan, todo, KEY, 5)
-        assert walked.nodes.shape == (4, 5)
-        assert walked.nodes[:, 0].tolist() == [0, 5, 15, 3]
+        walked = walk_plan(planner, params, plan, todo, KEY, TRACE)
+        assert walked.segments.shape == (WALKS, TRACE)
+        assert params.network.tail[walked.segments[:3, 0]].tolist() == [0, 5, 15]
+        assert walked.segments[3].tolist() == [-1] * TRACE  # it is there already
         assert (bool(walked.arrived[3]), float(walked.seconds[3])) == (True, 0)
-        # Whoever arrives takes time to do so; whoever does not counts as the horizon.
+        # To arrive takes time; a walk that does not arrive counts as the horizon.
         seconds, arrived = np.asarray(walked.seconds[:3]), np.asarray(walked.arrived[:3])
         assert (seconds > 0).all()
         assert (arrived | (seconds == 1e5)).all()
@@ -192,33 +184,35 @@ def test_every_planner_plans_and_decides(make_params, make_instance) -> None:
 
 def test_the_same_key_gives_the_same_walks(make_params, make_instance) -> None:
     params = crowded_grid(make_params)
-    todo = make_instance([0] * 20, 15)
+    todo = make_instance([0] * WALKS, 15)
 
     def walks(planner: Planner, seed: int) -> list[list[int]]:
-        return walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(seed), 40).nodes.tolist()
+        return walk_plan(
+            planner, params, planner.plan(params, todo), todo, jax.random.key(seed), TRACE
+        ).segments.tolist()
 
     for planner in (RandomWalk(), RandomProgress()):
         assert walks(planner, 0) == walks(type(planner)(), 0)
         assert walks(planner, 0) != walks(planner, 1)
     assert walks(ShortestPath(), 0) == walks(ShortestPath(), 1)
     # Walks of one batch have random numbers of their own.
-    assert len({tuple(nodes) for nodes in walks(RandomWalk(), 0)}) > 15
+    assert len({tuple(segments) for segments in walks(RandomWalk(), 0)}) > 0.75 * WALKS
 
 
 def test_planners_that_allow_the_same_meet_the_same_chance(make_params, make_instance) -> None:
     # Common random numbers: the draws depend on key, walk and crossing, and not on who asks.
     params = crowded_grid(make_params)
-    todo = make_instance([0] * 20, 15)
+    todo = make_instance([0] * WALKS, 15)
 
     class Double(RandomWalk):
         name = "double"
 
     plans = [planner.plan(params, todo) for planner in (RandomWalk(), Double())]
     one, other = (
-        walk_plan(planner, params, plan, todo, KEY, 40)
+        walk_plan(planner, params, plan, todo, KEY, TRACE)
         for planner, plan in zip((RandomWalk(), Double()), plans, strict=True)
     )
-    assert one.nodes.tolist() == other.nodes.tolist()
+    assert one.segments.tolist() == other.segments.tolist()
     assert one.seconds.tolist() == other.seconds.tolist()
 
 
@@ -226,6 +220,14 @@ def test_routes_are_cut_at_the_trace_and_end_with_the_walk(diamond, constant_fie
     params = make_params(diamond, constant_field(diamond))
     todo = make_instance([0], 3, 10.0)
     (whole,) = routes(ShortestPath(), params, todo, KEY, 5)
-    assert (whole.nodes, whole.clocks, whole.seconds) == ((0, 1, 3), (10, 110, 310), 300)
-    (cut,) = routes(ShortestPath(), params, todo, KEY, 2)
-    assert (cut.nodes, cut.clocks, cut.seconds, cut.arrived) == ((0, 1), (10, 110), 300, True)
+    assert (whole.segments, whole.nodes, whole.clocks, whole.seconds) == ((0, 1), (0, 1, 3), (10, 110, 310), 300)
+    (cut,) = routes(ShortestPath(), params, todo, KEY, 1)
+    assert (cut.segments, cut.nodes, cut.clocks, cut.seconds, cut.arrived) == ((0,), (0, 1), (10, 110), 300, True)
+
+
+def test_routes_say_which_of_two_parallel_segments_was_walked(make_params, make_instance) -> None:
+    network = road_network(np.zeros((2, 2)), [0, 0], [1, 1], [10.0, 5.0])
+    params = make_params(network, speed_field(jnp.ones((2, 1)), 60.0))
+    for planner in (ShortestPath(), Clairvoyant()):
+        (route,) = routes(planner, params, make_instance([0], 1), KEY, 3)
+        assert (route.segments, route.nodes, route.seconds) == ((1,), (0, 1), 5)

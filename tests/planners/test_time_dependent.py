@@ -113,7 +113,7 @@ def test_walking_the_fastest_exits_takes_the_time_foretold(
     if math.isinf(arrival) or origin == destination:
         assert not allowed.any()
         return
-    # one way, without alternatives, of existing exits
+    # one path, without alternatives, of existing exits
     assert (allowed.sum(axis=1) <= 1).all()
     assert (np.asarray(network.valid) | ~allowed).all()
     walked = walk_plan(Clairvoyant(), params, plan, todo, jax.random.key(0))
@@ -125,7 +125,7 @@ def test_walking_the_fastest_exits_takes_the_time_foretold(
 
 @given(st.integers(0, 2**32 - 1), st.integers(3, 6))
 @settings(max_examples=25)
-def test_ways_of_many_segments_are_dijkstras(make_params, make_instance, seed: int, crossings_each: int) -> None:
+def test_paths_of_many_segments_are_dijkstras(make_params, make_instance, seed: int, crossings_each: int) -> None:
     # So many nodes that the search goes on from a small part of them at a time, and must get the order right.
     rng = np.random.default_rng(seed)
     nodes = 60
@@ -237,7 +237,7 @@ def test_each_walk_has_its_own_crowd(diamond, make_params, make_instance) -> Non
     assert walked.seconds.tolist() == pytest.approx([400, 480, 400])
 
 
-def test_where_no_way_is_known_a_walker_wanders(make_params, make_instance) -> None:
+def test_where_no_path_is_known_a_walker_wanders(make_params, make_instance) -> None:
     # From 0 to 1 or to 2 and back, 10 s each; 3 is out of reach.
     network = road_network(np.zeros((4, 2)), [0, 0, 1, 2], [1, 2, 0, 0], [10.0] * 4)
     params = make_params(network, speed_field(jnp.ones((4, 1)), 60.0), horizon=800.0)
@@ -245,7 +245,7 @@ def test_where_no_way_is_known_a_walker_wanders(make_params, make_instance) -> N
     plan = Clairvoyant().plan(params, todo)
     assert not np.asarray(plan.own).any()
     walked = walk_plan(Clairvoyant(), params, plan, todo, jax.random.key(0), 80)
-    nodes = walked.nodes[0].tolist()
-    assert set(nodes[::2]) == {0}
-    assert set(nodes[1::2]) == {1, 2}
+    segments = walked.segments[0].tolist()
+    assert set(segments[::2]) == {0, 1}  # out
+    assert set(segments[1::2]) == {2, 3}  # and back
     assert (bool(walked.arrived[0]), float(walked.seconds[0])) == (False, 800)

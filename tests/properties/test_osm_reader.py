@@ -103,7 +103,7 @@ def valid(folder) -> dict[str, Path]:
     return {suffix: folder / f"valid{suffix}" for suffix in SUFFIXES}
 
 
-def sound_or_refused(path: Path, content: bytes) -> None:
+def sound_or_rejected(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     if ".osm" in path.name:
         try:
@@ -148,7 +148,7 @@ def test_small_towns(folder, nodes, ways, merge: float) -> None:
 @settings(max_examples=40)
 @given(content=st.binary(max_size=200))
 def test_random_bytes(folder, suffix: str, content: bytes) -> None:
-    sound_or_refused(folder / f"random{suffix}", content)
+    sound_or_rejected(folder / f"random{suffix}", content)
 
 
 # Where, as a part of the file, and what stands there instead.
@@ -167,11 +167,11 @@ def changed(content: bytes, changes: list[tuple[int, int]]) -> bytes:
 @given(changes=CHANGES, cut=st.none() | st.integers(0, 9999))
 def test_truncated_and_mutated(folder, valid, suffix: str, changes, cut: int | None) -> None:
     content = changed(valid[suffix].read_bytes(), changes)
-    sound_or_refused(folder / f"mutated{suffix}", content if cut is None else content[: cut * len(content) // 10000])
+    sound_or_rejected(folder / f"mutated{suffix}", content if cut is None else content[: cut * len(content) // 10000])
 
 
 @settings(max_examples=60)
 @given(changes=CHANGES)
 def test_mutated_before_packing(folder, valid, changes) -> None:
     """What the checksum of a .gz file would catch, had it not been made of the damaged file."""
-    sound_or_refused(folder / "packed.osm.gz", gzip.compress(changed(valid[".osm"].read_bytes(), changes), 1))
+    sound_or_rejected(folder / "packed.osm.gz", gzip.compress(changed(valid[".osm"].read_bytes(), changes), 1))

@@ -56,8 +56,18 @@ def test_bearings_look_some_way_along_the_street() -> None:
 
 def leg(*points, name="", kind="footway", minutes=1.0, density=0.1) -> Leg:
     course = np.array(points, float)
-    metres = float(np.linalg.norm(np.diff(course, axis=0), axis=1).sum())
-    return Leg(0, name, kind, metres, minutes, 0.0, density, 0.0, False, course / DEGREE)
+    return Leg(
+        segment=0,
+        metres=float(np.linalg.norm(np.diff(course, axis=0), axis=1).sum()),
+        minutes=minutes,
+        density=density,
+        exposure=0.0,
+        too_dense=False,
+        street=0,
+        name=name,
+        kind=kind,
+        coordinates=(course / DEGREE).tolist(),
+    )
 
 
 def test_streets_of_one_name_are_joined() -> None:
@@ -72,6 +82,7 @@ def test_streets_of_one_name_are_joined() -> None:
         ("head east", "Long Street", 150, 4),
         ("turn right", "Quay", 100, 1),
     ]
+    assert [step.first_leg for step in steps] == [0, 2]
     # over the time on the way
     assert steps[0].density == pytest.approx(0.4)
 

@@ -1,37 +1,45 @@
-"""The dueling Q-network of the paper (eqs. 19 and 20; Wang et al. 2016)."""
+"""What learns Q-values of exits: the paper's dueling network, a table, or a network that scores segments."""
 
 import itertools
+import math
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Float, Key
 
+from sidestep.agent.config import TrainConfig
+from sidestep.agent.layers import Linear, combine, uniform_layers
+from sidestep.agent.segment_network import SegmentQNetwork, segment_network
 from sidestep.environment.types import Observation
 from sidestep.network.graph import RoadNetwork
+from sidestep.scenarios.model import Scenario
 
-
-class Linear(eqx.Module):
-    """A fully connected layer."""
-
-    weight: Float[Array, "out in"]
-    bias: Float[Array, " out"]
-
-    def __call__(self, features: Float[Array, " in"]) -> Float[Array, " out"]:
-        return self.weight @ features + self.bias
+BIN_SECONDS = 900.0
+"""Time between two bins of what is learned of places, s."""
 
 
 class DuelingQNetwork(eqx.Module):
-    """Position in, one value per exit out: fully connected ReLU layers, then a value and an advantage head."""
+    """Position in, one value per exit out: fully connected ReLU layers, then a value and an advantage head.
 
-    offset: Float[Array, "2"]  # m; with `scale` it turns positions into inputs, and neither is trained
-    scale: Float[Array, "2"]  # 1/m
+    References
+    ----------
+    Eqs. 19 and 20 of the paper; Wang et al. 2016, "Dueling network architectures for deep reinforcement learning".
+    """
+
+    offset: Float[Array, "2"]
+    """Position that becomes 0, m. With ``scale`` it turns positions into inputs; neither is trained."""
+    scale: Float[Array, "2"]
+    """Inputs per metre."""
     hidden: tuple[Linear, ...]
     value: Linear
     advantage: Linear
-    crossings: int = eqx.field(static=True)  # width of the one-hot crossing beside x and y; 0 for none
-    unit: float = eqx.field(static=True)  # rewards per unit of the heads' output
-    dueling: bool = eqx.field(static=True, default=True)  # without, the advantages are the values
+    crossings: int = eqx.field(static=True)
+    """Width of the one-hot crossing beside x and y; 0 for none."""
+    unit: float = eqx.field(static=True)
+    """Units of reward in one unit of the heads."""
+    dueling: bool = eqx.field(static=True, default=True)
+    """Without, the advantages are the values."""
 
     def __call__(self, observation: Observation) -> Float[Array, " exit"]:
         """Q-value of every exit; those of exits that do not exist mean nothing."""
@@ -47,7 +55,12 @@ class DuelingQNetwork(eqx.Module):
 
 
 class QTable(eqx.Module):
-    """A Q-value for every crossing and exit (Watkins 1989)."""
+    """A Q-value for every crossing and exit.
+
+    References
+    ----------
+    Watkins 1989, "Learning from delayed rewards".
+    """
 
     q: Float[Array, "node exit"]
 
@@ -55,11 +68,8 @@ class QTable(eqx.Module):
         return self.q[observation.node]
 
 
-def combine(
-    value: Float[Array, ""], advantage: Float[Array, " exit"], valid: Bool[Array, " exit"]
-) -> Float[Array, " exit"]:
-    """Q = V + A - mean of A over the valid exits (eq. 20, where |A| counts valid actions)."""
-    return value + advantage - jnp.sum(advantage, where=valid) / jnp.maximum(jnp.sum(valid), 1)
+QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
+"""All of them are functions of an observation that give one value per exit."""
 
 
 def dueling_network(
@@ -71,7 +81,7 @@ def dueling_network(
     unit: float,
     dueling: bool = True,
 ) -> DuelingQNetwork:
-    """A freshly initialised network for one map.
+    """Initialise a dueling network for one map.
 
     With ``one_hot`` the input is x and y in [-1, 1] and the crossing itself, one-hot; without it, the paper's
     coordinates in blocks, [0, N] (eq. 10).
@@ -85,15 +95,31 @@ def dueling_network(
         offset, scale = low, blocks / extent
     crossings = network.nodes if one_hot else 0
     widths = (2 + crossings, *hidden)
-    heads = ((widths[-1], 1), (widths[-1], network.exits))
-    shapes = (*itertools.pairwise(widths), *heads)
-    # One draw for all layers: a compiled random draw per layer would take longer than all of the training.
-    draw = jax.random.uniform(key, (sum((fan_in + 1) * fan_out for fan_in, fan_out in shapes),), minval=-1.0)
-    layers = []
-    for fan_in, fan_out in shapes:
-        size = (fan_in + 1) * fan_out
-        weight = draw[:size].reshape(fan_out, fan_in + 1) / jnp.sqrt(fan_in)
-        layers.append(Linear(weight[:, 1:], weight[:, 0]))
-        draw = draw[size:]
-    *trunk, value, advantage = layers
+    *trunk, value, advantage = uniform_layers(
+        [*itertools.pairwise(widths), (widths[-1], 1), (widths[-1], network.exits)], key
+    )
     return DuelingQNetwork(offset, scale, tuple(trunk), value, advantage, crossings, unit, dueling)
+
+
+def untrained(config: TrainConfig, scenario: Scenario, network: RoadNetwork, key: Key[Array, ""]) -> QNetwork:
+    """Initialise what a configuration learns on one map."""
+    if config.table:
+        return QTable(jnp.zeros((network.nodes, network.exits)))
+    if config.level == "position":
+        return dueling_network(
+            network, key, hidden=config.hidden, one_hot=config.one_hot, unit=config.unit, dueling=config.dueling
+        )
+    return segment_network(
+        network,
+        key,
+        level=config.level,
+        sensed=scenario.place.interpolated,
+        hidden=config.hidden,
+        places=config.places,
+        bins=1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS),
+        bin_seconds=BIN_SECONDS,
+        dueling=config.dueling,
+        potential=config.potential,
+        reward_seconds=scenario.reward.unit_seconds,
+        unit=config.unit,
+    )

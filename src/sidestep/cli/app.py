@@ -1,13 +1,13 @@
-"""The command line: registers the commands, and turns errors into one sentence and an exit status."""
+"""The command line: registers all commands, and turns errors into one sentence and an exit status."""
 
 import os
 import sys
-from typing import NoReturn
+from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 
 from sidestep import __version__
-from sidestep.cli import data, experiments
+from sidestep.cli import data, experiments, listings
 from sidestep.cli.compare import compare
 from sidestep.cli.route import route
 from sidestep.cli.train import train
@@ -15,38 +15,67 @@ from sidestep.errors import SidestepError
 
 INTERRUPTED, BAD_INPUT = 130, 2
 
-
 app = App(
     name="sidestep",
-    help="Walks that take the least time through crowds that keep changing, learned by walking.",
+    help="Plan walks that take the least time, or meet the fewest people, through crowds that keep changing.",
     version=__version__,
     suppress_keyboard_interrupt=False,
 )
 
-
-for command in (experiments.demo, experiments.reproduce, train, compare, route, data.import_osm, data.new):
+for command in (
+    experiments.demo,
+    experiments.reproduce,
+    train,
+    compare,
+    route,
+    data.import_osm,
+    data.new,
+    listings.planners,
+    listings.scenarios,
+):
     app.command(command)
 app.command(experiments.trade_off, name="trade-off")
 app.command(data.counts_app)
 
 
-def main() -> None:
-    """Run the command line: 2 on bad input, 130 on Ctrl-C, one sentence for each."""
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments
+        The command and its options; by default those of this process.
+
+    Returns
+    -------
+    int
+        The exit status: 2 on bad input, 130 on Ctrl-C, after one sentence on standard error.
+    """
     try:
-        app(exit_on_error=False, print_error=False)
+        app(arguments, exit_on_error=False, print_error=False)
+    except SystemExit as done:  # the library's way to end a command
+        return int(done.code or 0)
     except CycloptsError as error:
-        _leave(BAD_INPUT, " ".join(str(error).split()))
+        return _complain(BAD_INPUT, " ".join(str(error).split()))
     except SidestepError as error:
-        _leave(BAD_INPUT, str(error))
+        return _complain(BAD_INPUT, str(error))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
     except KeyboardInterrupt:
-        _leave(INTERRUPTED, "stopped; what had been saved is kept")
+        return _complain(INTERRUPTED, "stopped; everything saved so far is kept")
+    return 0
 
 
-def _leave(status: int, sentence: str) -> NoReturn:
+def _complain(status: int, sentence: str) -> int:
     print(f"sidestep: {sentence}", file=sys.stderr, flush=True)
+    return status
+
+
+def main() -> None:
+    """Run the command line and leave the process."""
+    sys.path.append("")  # planners in the current folder, as MODULE:NAME
+    status = run()
     sys.stdout.flush()
-    # Threads may be in the middle of a map: they must not be waited for. Files are whole or not there.
-    os._exit(status)
+    if status:
+        # Not by sys.exit, which would wait for threads in the middle of a map. Files are written whole or not at all.
+        os._exit(status)

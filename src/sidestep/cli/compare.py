@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from sidestep.cli.console import new_table, objective_in_words, print_table, progress
+from sidestep.cli.console import new_table, print_table, progress
 from sidestep.cli.options import (
     UNCHANGED,
     By,
@@ -20,11 +20,11 @@ from sidestep.cli.options import (
     Workers,
     at_least,
     check_minutes,
+    names_in,
     read_scenario,
     start_jax,
     thread_count,
 )
-from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
     from sidestep.evaluation.compare import Results
@@ -35,110 +35,114 @@ def compare(
     /,
     *,
     planners: Annotated[
-        str | None, Parameter(help="Planners with commas between; by default all but baselines that learn.")
+        str | None,
+        Parameter(
+            help="Planners, separated by commas: names (see sidestep planners) or MODULE:NAME; by default all that "
+            "need no training, and darp. Models walk in any case."
+        ),
     ] = None,
-    maps: Annotated[int | None, Whole(help="Number of maps; by default what the scenario says.")] = None,
-    walks: Annotated[int | None, Whole(help="Walks on each map; by default what the scenario says.")] = None,
+    maps: Annotated[int | None, Whole(help="Number of maps; by default the scenario's.")] = None,
+    walks: Annotated[int | None, Whole(help="Walks on each map; by default the scenario's.")] = None,
     level: LevelOption = None,
     preset: PresetOption = "default",
     model: Models = None,
     destinations: Annotated[
         int | None,
         Whole(
-            help="Walk to so many destinations: on grids from anywhere, not from corner to corner; in real places to "
-            "some of their own, or of all crossings, not to all."
+            help="Number of destinations to walk to, from anywhere; by default walks go from corner to corner on "
+            "grids, and to all destinations in real places."
         ),
     ] = None,
     by: By = None,
-    against: Annotated[str, Parameter(help="Whom the others' minutes are set against, walk by walk.")] = "expected",
+    against: Annotated[str, Parameter(help="Planner that the others' minutes are set against.")] = "expected",
+    timing: Annotated[
+        bool, Parameter(negative=(), help="Measure how long decisions take; planning is then done twice.")
+    ] = False,
     changes: Changes = UNCHANGED,
     seed: Seed = 0,
     workers: Workers = None,
     as_json: Json = False,
 ) -> None:
-    """Walk the same maps through the same crowds with every planner."""
+    """Compare planners on the same maps and through the same crowds."""
     at_least("seed", seed, 0)
     check_minutes(by)
+    for option, number in (("maps", maps), ("walks", walks)):
+        at_least(option, 1 if number is None else number, 1)
     threads = thread_count(workers)
     start_jax()
     from sidestep.evaluation.compare import compare as run
-    from sidestep.planners.learned import load_planners, trainable
-    from sidestep.planners.registry import BASELINES, REPLANNING, choose
-    from sidestep.scenarios.maps import draw_map
+    from sidestep.planners.registry import choose_planners
 
     problem = read_scenario(scenario, changes)
-    numbers = list(range(at_least("maps", problem.maps if maps is None else maps, 1)))
-    count = at_least("walks", problem.walks if walks is None else walks, 1)
-    if model:
-        learned = load_planners(model, problem, seed, level)
-        if learned.index is not None:
-            if maps is not None:
-                raise SidestepError(f"--maps cannot be chosen: the model remembers map {learned.index} alone")
-            numbers = [learned.index]
-        learned.check_destinations(draw_map(problem, seed, numbers[0]), destinations or 1)
-        every = {**BASELINES, **REPLANNING, **learned.factories}
-        names = list(every)
-    else:
-        every = {
-            **BASELINES,
-            **REPLANNING,
-            **trainable(problem, seed, level or problem.level, preset, destinations or 1),
-        }
-        names = [*BASELINES, *REPLANNING, "darp"]
-    if planners is not None:
-        names = [name.strip() for name in planners.split(",")]
-    chosen = choose([*names, against], every)
+    chosen = choose_planners(
+        problem,
+        names_in(planners),
+        models=model or (),
+        against=against,
+        seed=seed,
+        level=level,
+        preset=preset,
+        destinations=destinations or 1,
+    )
+    numbers = chosen.map_numbers(maps)
     with progress("comparing", len(numbers), 1, "maps") as advance:
         compared = run(
             problem,
-            chosen,
+            chosen.factories,
             maps=numbers,
-            walks=count,
+            walks=walks or problem.walks,
             seed=seed,
             workers=threads,
             destinations=destinations,
+            timing=timing,
             on_map=lambda index, _: advance(f"map {index}"),
         )
+    results = compared.to_json(by, chosen.baseline)
     if as_json:
-        print(json.dumps(compared.as_json(by, against), indent=2))
+        print(json.dumps(results, indent=2, ensure_ascii=False))
     else:
-        show_results(compared.as_json(by, against))
+        show_results(results)
 
 
 def show_results(results: "Results") -> None:
     """Print a comparison as a table."""
-    from sidestep.evaluation.metrics import cells
+    from sidestep.evaluation.metrics import HEADINGS, TEXT_COLUMNS, cells
+    from sidestep.scenarios.objectives import objective_in_words
 
-    only = " (forecasts only)" if results["flows"] == "forecast" else ""
-    title = (
-        f"{results['scenario']}{only}: {results['maps']} map{'s' * (results['maps'] > 1)}, "
-        f"{results['walks']} walks each, seed {results['seed']}"
-    )
-    if results["summary"]:
-        title += f"\n{results['summary']}"
     by, objective = results["by_minutes"], results["objective"]
+    only = " (forecasts only)" if results["flows"] == "forecast" else ""
+    maps = f"{results['maps']} map{'s' * (results['maps'] > 1)}"
+    title = [
+        f"{results['scenario']}{only}: {maps}, {results['walks']} walks each, seed {results['seed']}",
+        results["summary"],
+        results["synthetic"],
+    ]
     if objective is not None:
-        title += f"\ncost in minutes: {objective_in_words(objective)}; savings, differences and regrets are of cost"
-    headings = {
-        "planner": "planner",
-        "knows": "knows",
-        "cost": ">cost" if objective else "",
-        "minutes": ">minutes",
-        "exposure": ">exposure" if objective else "",
-        "metres": ">metres" if objective else "",
-        "too dense": ">too dense" if objective and objective["max_density"] else "",
-        "median": "" if objective else ">median",
-        "90 %": "" if objective else ">90 % in",
-        "in time": f">within {by:g}" if by else "",
-        "saved": ">saved",
-        "difference": f">over {results['baseline']}",
-        "difference 95 %": ">95 %",
-        "regret": ">regret",
-        "arrive": ">arrive",
-        "µs a decision": ">µs/decision",
+        title.append(f"cost in minutes: {objective_in_words(objective)}; all comparisons below are of cost")
+    shown = {
+        "planner": True,
+        "knows": True,
+        "cost": objective,
+        "minutes": True,
+        "exposure": objective,
+        "metres": objective,
+        "too dense": objective and objective["max_density"],
+        "median": not objective,
+        "90 %": not objective,
+        "in time": by,
+        "saved": True,
+        "difference": True,
+        "difference 95 %": True,
+        "gap": True,
+        "arrive": True,
+        "µs a decision": any("decision_us" in row for row in results["planners"].values()),
     }
-    shown = {column: heading for column, heading in headings.items() if heading}
-    table = new_table(*shown.values(), title=title)
+    columns = [column for column in shown if shown[column]]
+    headings = HEADINGS | {"in time": f"within {by} min", "difference": f"over {results['baseline']}"}
+    table = new_table(
+        *(headings[column] if column in TEXT_COLUMNS else f">{headings[column]}" for column in columns),
+        title="\n".join(filter(None, title)),
+    )
     for name, row in results["planners"].items():
-        table.add_row(*cells(name, row, results["maps"], shown).values())
+        table.add_row(*cells(name, row, results["maps"], columns).values())
     print_table(table)

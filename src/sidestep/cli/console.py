@@ -10,20 +10,12 @@ if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
 
-
-WIDTH = 180  # where the output is no terminal
-
-
-def objective_in_words(objective: "dict[str, float | None]") -> str:
-    """Weights of what walkers keep low."""
-    units = {"time": "s", "distance": "m", "exposure": "person·s/m² met"}
-    terms = [f"{weight:g} x {units[name]}" for name, weight in objective.items() if name in units and weight]
-    most = objective["max_density"]
-    return " + ".join(terms) + ("" if most is None else f", avoiding streets above {most:g} persons/m²")
+WIDTH = 180
+"""Width of tables where the output is no terminal."""
 
 
 class Advance:
-    """One step further on a bar, with a note."""
+    """Moves a progress bar one step further, with a note."""
 
     def __init__(self, bar: "Progress", what: str, total: int, each: int, unit: str) -> None:
         self._bar, self._each, self._unit, self._done, self._began = bar, each, unit, 0, perf_counter()
@@ -39,7 +31,14 @@ class Advance:
 def progress(what: str, total: int, each: int, unit: str) -> Iterator[Advance]:
     """Show a bar with rate and time left on standard error, or nothing where that is no terminal.
 
-    ``total`` calls of what is yielded fill the bar; each stands for ``each`` of ``unit``.
+    Parameters
+    ----------
+    what
+        Text before the bar.
+    total
+        Number of calls of the yielded function that fill the bar.
+    each, unit
+        What one call stands for, such as 2560 steps.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -60,7 +59,7 @@ def progress(what: str, total: int, each: int, unit: str) -> Iterator[Advance]:
 
 
 def new_table(*columns: str, title: str) -> "Table":
-    """A table; columns whose name begins with > hold numbers."""
+    """Make a table; columns whose heading begins with > hold numbers."""
     from rich import box
     from rich.table import Table
 

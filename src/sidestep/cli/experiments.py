@@ -21,6 +21,7 @@ from sidestep.cli.options import (
     Whole,
     Workers,
     at_least,
+    names_in,
     read_scenario,
     start_jax,
     thread_count,
@@ -32,18 +33,16 @@ if TYPE_CHECKING:
 
 
 def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> None:
-    """Train on one congested map, compare all planners there, and draw where they walk."""
+    """Train an agent on one congested map, compare it with other planners, and draw their paths."""
     at_least("seed", seed, 0)
     start_jax()
-    from sidestep.agent.presets import PRESETS
-    from sidestep.experiments.demo import demonstrate
+    from sidestep.experiments.demo import CONFIG, demonstrate
     from sidestep.files import output_folder
 
     output_folder(out)
-    config = PRESETS["default"]
-    with progress("training on one congested map", config.rounds, config.round_steps, "steps") as advance:
-        shown = demonstrate(out, seed, lambda _, minutes: advance(f"greedy walk {minutes.mean():.0f} min"))
-    results = shown.comparison.as_json()
+    with progress("training on one congested map", CONFIG.rounds, CONFIG.round_steps, "steps") as advance:
+        shown = demonstrate(out, seed, lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"))
+    results = shown.comparison.to_json()
     if as_json:
         print(json.dumps(results, indent=2))
         return
@@ -53,15 +52,18 @@ def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> N
 
 def reproduce(
     *,
-    maps: Annotated[int, Whole(help="Maps in each condition.")] = 100,
-    quick: Annotated[bool, Parameter(negative=(), help="A small run of everything: 2 maps, 5 walks.")] = False,
+    maps: Annotated[int, Whole(help="Number of maps in each condition.")] = 100,
+    quick: Annotated[bool, Parameter(negative=(), help="Run everything in small: 2 maps, 5 walks.")] = False,
     out: Out = Path("reproduction"),
     seed: Seed = 0,
-    rule: Annotated[Literal["integrated", "entry"], Parameter(help="How crossing times are counted.")] = "integrated",
+    rule: Annotated[
+        Literal["integrated", "entry"],
+        Parameter(help="Integrate crossing times over all slots, or keep the density at entry (the paper)."),
+    ] = "integrated",
     workers: Workers = None,
     as_json: Json = False,
 ) -> None:
-    """Reproduce the paper's figures and numbers, and say which of its claims hold."""
+    """Reproduce the paper's figures and numbers, and judge its claims."""
     at_least("seed", seed, 0)
     at_least("maps", maps, 1)
     threads = thread_count(workers)
@@ -76,14 +78,13 @@ def reproduce(
     with progress("reproducing", plan.total, 1, "maps") as advance:
         results = run(plan, out, threads, lambda condition: advance(condition.replace("_", ", ")), rule)
     if as_json:
-        print(json.dumps(results, indent=2))
+        print(json.dumps(results.to_json(), indent=2))
         return
-    for key, compared in results.items():
-        if key not in ("claims", "curves"):
-            print(f"\n{key.replace('_', ', ')}")
-            show_results(compared)  # type: ignore[arg-type]
-    for claim in results["claims"]:  # type: ignore[attr-defined]
-        print(f"\n{claim['verdict'].upper():7} {claim['paper']}\n        {claim['ours']}\n        {claim['why']}")
+    for key, compared in results.compared.items():
+        print(f"\n{key.replace('_', ', ')}")
+        show_results(compared)
+    for claim in results.claims:
+        print(f"\n{claim.verdict.upper():7} {claim.paper}\n        {claim.ours}\n        {claim.why}")
     print(f"\n{perf_counter() - began:.0f} s; report: {out / 'report.html'}, numbers: {out / 'results.json'}")
 
 
@@ -91,24 +92,26 @@ def trade_off(
     scenario: ScenarioOption,
     /,
     *,
-    planners: Annotated[str, Parameter(help="Planners with commas between, a curve each.")] = "expected,clairvoyant",
+    planners: Annotated[
+        str, Parameter(help="Planners that need no training, separated by commas; each gets a curve.")
+    ] = "expected,clairvoyant",
     weights: Annotated[
-        str, Parameter(help="Weights of exposure with commas between, in seconds for each person·s/m².")
+        str, Parameter(help="Weights of exposure in seconds for each person·s/m², separated by commas.")
     ] = "0,0.1,0.2,0.5,1,2,5,10",
-    walks: Annotated[int, Whole(help="Walks for each weight.")] = 20,
+    walks: Annotated[int, Whole(help="Number of walks for each weight.")] = 20,
     changes: Changes = UNCHANGED,
-    out: Annotated[Path, Parameter(help="File for the picture, PNG.")] = Path("trade-off.png"),
+    out: Annotated[Path, Parameter(help="File for the picture (.png).")] = Path("trade-off.png"),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Weigh the crowd that is met against time, more and more, and draw what each costs in terms of the other.
+    """Take the same walks with more and more weight on the crowd met, and draw time against crowds.
 
-    Walks are those of map 0. What --objective says of exposure gives way to the weights.
+    All walks are on map 0. The weights replace the exposure of --objective.
     """
     at_least("seed", seed, 0)
     at_least("walks", walks, 1)
     if out.suffix.lower() != ".png" or out.is_dir():
-        raise SidestepError(f"--out must be a file for a picture, such as trade-off.png, not {out}")
+        raise SidestepError(f"--out must be a picture's file, such as trade-off.png, not {out}", field="out")
     steps = [_weight(weight) for weight in weights.split(",")]
     start_jax()
     from sidestep.experiments.trade_off import trade_off as run
@@ -120,7 +123,7 @@ def trade_off(
     with progress("weighing", len(steps), 1, "weights") as advance:
         found = run(
             problem,
-            planners=[name.strip() for name in planners.split(",")],
+            planners=names_in(planners) or (),
             weights=steps,
             walks=walks,
             seed=seed,
@@ -128,9 +131,9 @@ def trade_off(
         )
     save(trade_off_curve(found.title, found.caption, found.curves), out)
     if as_json:
-        print(json.dumps({**found.as_json(), "picture": str(out)}, indent=2, ensure_ascii=False))
+        print(json.dumps({**found.to_json(), "picture": str(out)}, indent=2, ensure_ascii=False))
         return
-    show_trade_off(found.as_json())
+    show_trade_off(found.to_json())
     print(f"Picture: {out}")
 
 
@@ -140,15 +143,15 @@ def _weight(text: str) -> float:
     except ValueError:
         weight = math.nan
     if not math.isfinite(weight):
-        raise SidestepError(f"--weights must be numbers with commas between, not {text.strip()!r:.40}")
+        raise SidestepError(f"--weights must be numbers separated by commas, not {text.strip()!r:.40}", field="weights")
     return weight
 
 
 def show_trade_off(found: "TradeOffJson") -> None:
     """Print a trade-off between time and exposure as a table."""
-    title = f"{found['scenario']}, map 0: {found['walks']} walks for each weight of exposure, seed {found['seed']}"
+    head = f"{found['scenario']}, map 0, seed {found['seed']}: {found['walks']} walks for each weight of exposure"
     columns = ("planner", ">weight", ">minutes", ">person·s/m² met", ">metres", ">arrive")
-    table = new_table(*columns, title=f"{title}\n{found['summary']}" if found["summary"] else title)
+    table = new_table(*columns, title="\n".join(filter(None, (head, found["summary"], found["synthetic"]))))
     rows = [(name, point) for name, points in found["curves"].items() for point in points]
     for name, point in (("shortest-path", found["shortest_path"]), *rows):
         table.add_row(

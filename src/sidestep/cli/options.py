@@ -1,4 +1,4 @@
-"""Options that several commands share, and how their values are checked."""
+"""Options that several commands share, and the checks of their values."""
 
 import math
 import os
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def whole_number(_type: object, tokens: "Sequence[Token]") -> int:
-    """A whole number; left alone, the library would round 1.5 to 2 without a word."""
+    """Read a whole number; the library itself would silently round 1.5 to 2."""
     text = tokens[0].value
     try:
         return int(text)
@@ -32,81 +32,63 @@ def whole_number(_type: object, tokens: "Sequence[Token]") -> int:
 
 Whole = partial(Parameter, converter=whole_number)
 
+Hyphened = partial(Parameter, allow_leading_hyphen=True)
+"""For values such as southern latitudes."""
 
-Hyphened = partial(Parameter, allow_leading_hyphen=True)  # southern latitudes
-
-
+ScenarioOption = Annotated[
+    str, Parameter(help="Name of a scenario, such as rush-16 (see sidestep scenarios), or a scenario file.")
+]
 Seed = Annotated[int, Whole(help="Seed of maps, crowds and training.")]
-
-
 Json = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON instead of tables.")]
-
-
-Out = Annotated[Path, Parameter(help="Folder for what is written; made if it is not there.")]
-
-
-Workers = Annotated[int | None, Whole(help="Maps at a time; by default one for each processor.")]
-
-
+Out = Annotated[Path, Parameter(help="Folder to write to; it is made if missing.")]
+Workers = Annotated[int | None, Whole(help="Maps to walk at a time; by default one for each processor.")]
+By = Annotated[float | None, Parameter(name="--by", help="Minutes: say how likely it is to arrive within them.")]
+Models = Annotated[
+    list[Path] | None, Parameter(name="--model", negative=(), help="Folder of a trained model; repeat it for several.")
+]
+LevelOption = Annotated[
+    Literal["position", "local", "map", "live"] | None,
+    Parameter(name="--level", help="Level of the agent's knowledge; by default the scenario's."),
+]
 PresetOption = Annotated[
     Literal["default", "paper", "dqn", "tabular-q"],
     Parameter(
         name="--preset",
-        help="How the agent learns: our way, the paper's settings as printed, or as a baseline (no dueling, double or "
-        "priorities; a table).",
+        help="Settings of the learner: ours, the paper's as printed, or those of a baseline (plain DQN; a table).",
     ),
 ]
-
-
-LevelOption = Annotated[
-    Literal["position", "local", "map", "live"] | None,
-    Parameter(name="--level", help="What the agent sees; by default what the scenario says."),
-]
-
-
-Models = Annotated[
-    list[Path] | None,
-    Parameter(name="--model", negative=(), help="Folder of a trained model; may be given several times."),
-]
-
-
-By = Annotated[float | None, Parameter(name="--by", help="Minutes: how likely is it to arrive within them?")]
-
-
-ScenarioOption = Annotated[str, Parameter(help="Name of a scenario, such as rush-16, or a scenario file.")]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Changes:
-    """What may be changed of a scenario; None leaves it as it is."""
+    """Changes to a scenario; None leaves a field as it is."""
 
     flows: Annotated[
         Literal["arima", "forecast"] | None,
-        Parameter(name="--flows", help="Crowds with the model's noise, or its forecast."),
+        Parameter(name="--flows", help="Draw crowds with the model's noise, or take its forecast."),
     ] = None
     rule: Annotated[
         Literal["integrated", "entry"] | None,
-        Parameter(name="--rule", help="Crossing times through all slots, or by the density at entry (the paper)."),
+        Parameter(
+            name="--rule", help="Integrate crossing times over all slots, or keep the density at entry (the paper)."
+        ),
     ] = None
     law: Annotated[
         Literal["power", "power-capped", "weidmann"] | None, Parameter(name="--law", help="Walking speed by density.")
     ] = None
-    side: Annotated[int | None, Whole(name="--side", help="Nodes along one side of the grid.")] = None
+    side: Annotated[int | None, Whole(name="--side", help="Nodes along a side of the grid.")] = None
     crowded_nodes: Annotated[
-        int | None, Whole(name="--crowded-nodes", help="Nodes whose streets begin crowded, on grids.")
+        int | None, Whole(name="--crowded-nodes", help="Nodes whose streets begin crowded; on grids.")
     ] = None
     crowding: Annotated[
-        float | None,
-        Parameter(
-            name="--crowding", help="Demand over that which was counted, instead of the scenario's; real places."
-        ),
+        float | None, Parameter(name="--crowding", help="Demand as a multiple of the counts; in real places.")
     ] = None
     objective: Annotated[
         str | None,
         Parameter(
             name="--objective",
-            help="What walkers keep low: time, distance, exposure, or weights, such as exposure=0.5,max_density=4.",
+            help="Keep time, distance, exposure or a weighted sum low, such as exposure=0.5,max_density=4.",
         ),
     ] = None
 
@@ -124,18 +106,23 @@ def read_scenario(name: str, changes: Changes) -> "Scenario":
 def at_least(name: str, value: int, least: int) -> int:
     """Refuse an option below its least value."""
     if value < least:
-        raise SidestepError(f"--{name} must be at least {least}, not {value}")
+        raise SidestepError(f"--{name} must be at least {least}, not {value}", field=name)
     return value
 
 
 def check_minutes(by: float | None, option: str = "by") -> None:
     """Refuse minutes that are not positive."""
     if by is not None and not (math.isfinite(by) and by > 0):
-        raise SidestepError(f"--{option} must be a positive number of minutes, not {by}")
+        raise SidestepError(f"--{option} must be a positive number of minutes, not {by}", field=option)
+
+
+def names_in(text: str | None) -> list[str] | None:
+    """Split names with commas between them; None stays None."""
+    return None if text is None else [name.strip() for name in text.split(",")]
 
 
 def thread_count(workers: int | None) -> int:
-    """Threads to run maps on: one for each processor, unless told otherwise."""
+    """Count the threads to walk maps on: by default one for each processor."""
     if workers is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     at_least("workers", workers, 1)
@@ -143,7 +130,7 @@ def thread_count(workers: int | None) -> int:
 
 
 def start_jax() -> None:
-    """Keep compiled programs between runs: compiling takes longer than training."""
+    """Let JAX keep compiled programs between runs: compiling takes longer than training."""
     import jax
 
     settings: dict[str, object] = {
@@ -158,7 +145,7 @@ def start_jax() -> None:
 
 
 def hand_over(out: Path | None, show: "Callable[[], None]") -> None:
-    """Print, or write what would be printed to a file, whole or not at all."""
+    """Print, or write the same text to a file, whole or not at all."""
     from sidestep.files import write_text
 
     if out is None:

@@ -1,11 +1,8 @@
 """The command `train`."""
 
 import json
-import math
-from dataclasses import asdict
 from pathlib import Path
-from time import perf_counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -23,9 +20,9 @@ from sidestep.cli.options import (
     read_scenario,
     start_jax,
 )
-from sidestep.errors import SidestepError
 
-SAVE_EVERY = 2.0  # seconds of training between checkpoints
+if TYPE_CHECKING:
+    from sidestep.agent.runs import TrainingRun
 
 
 def train(
@@ -39,8 +36,8 @@ def train(
     destinations: Annotated[
         int | None,
         Whole(
-            help="How many destinations to learn: of a grid its last node and others; of a real place some of its own, "
-            "or of all crossings."
+            help="How many destinations to learn: on grids the last node and others; in real places some of their "
+            "own, or of all crossings."
         ),
     ] = None,
     gamma: Annotated[float | None, Parameter(help="Discount factor.")] = None,
@@ -49,7 +46,14 @@ def train(
     double: Annotated[bool | None, Parameter(help="Double Q-learning.")] = None,
     dueling: Annotated[bool | None, Parameter(help="Value and advantage apart.")] = None,
     potential: Annotated[
-        bool | None, Parameter(help="Correct the level's own estimate of the time to go, or learn all from nothing.")
+        bool | None, Parameter(help="Correct the level's own estimate of the cost to go, or learn all from nothing.")
+    ] = None,
+    correction_margin: Annotated[
+        float | None,
+        Parameter(help="Once trained: seconds that a learned correction must save against the level's own estimate."),
+    ] = None,
+    estimate_when_revisiting: Annotated[
+        bool | None, Parameter(help="Once trained: follow the level's own estimate where a walk comes back.")
     ] = None,
     changes: Changes = UNCHANGED,
     out: Annotated[Path | None, Parameter(help="Folder for the model, saved every few seconds.")] = None,
@@ -60,79 +64,49 @@ def train(
     """Train an agent on one map of a scenario, or on many where the scenario says so."""
     at_least("seed", seed, 0)
     at_least("map", index, 0)
-    if resume and out is None:
-        raise SidestepError("--resume needs --out, the folder of the model to go on with")
     start_jax()
-    from sidestep.agent import checkpoint
-    from sidestep.agent.config import changed
+    from sidestep.agent import runs
+    from sidestep.agent.checkpoint import read_metadata
     from sidestep.agent.presets import preset_for
-    from sidestep.agent.train import learned_place
-    from sidestep.agent.train import train as rounds_of
-    from sidestep.files import output_folder
-    from sidestep.scenarios.maps import draw_training_map
 
     problem = read_scenario(scenario, changes)
-    config = changed(
-        preset_for(problem, preset, level),
-        rounds=rounds, goals=destinations, gamma=gamma, n_step=n_step, alpha=alpha, double=double, dueling=dueling,
-        potential=potential,
-    )  # fmt: skip
-    state, curve = None, []
-    if resume and out is not None:
-        run = checkpoint.load(out)
-        if run.config.level != config.level:
-            raise SidestepError(f"the model in {out} is of level {run.config.level}, not {config.level}")
-        if (run.scenario, run.seed, run.index, run.config) != (problem, seed, index, config):
-            raise SidestepError(
-                f"the model in {out} is of another scenario, map, seed or configuration; it cannot go on"
-            )
-        state, curve = run.state, list(run.curve)
-    place = draw_training_map(problem, seed, index)
-    learned = place.fingerprint
-    learned_place(config, problem, place)  # refuses what cannot be learned, before anything is written
-    if out is not None:
-        output_folder(out)
-    began, before, saved, first = perf_counter(), len(curve), -math.inf, math.inf
+    asked = {
+        "rounds": rounds, "destinations": destinations, "gamma": gamma, "n_step": n_step, "alpha": alpha,
+        "double": double, "dueling": dueling, "potential": potential, "correction_margin_seconds": correction_margin,
+        "estimate_when_revisiting": estimate_when_revisiting,
+    }  # fmt: skip
+    config = preset_for(problem, preset, level).changed(
+        **{name: value for name, value in asked.items() if value is not None}
+    )
+    before = len(read_metadata(out).curve) if resume and out is not None else 0
     with progress(
         f"training on {scenario}, map {index}", config.rounds - before, config.round_steps, "transitions"
     ) as advance:
-        for now, report in rounds_of(config, problem, place, state):
-            curve.append(tuple(report.test_minutes.tolist()))
-            first = min(first, perf_counter())
-            run = checkpoint.TrainingRun(problem, seed, index, config, tuple(curve), learned, now)
-            if out is not None and (len(curve) == config.rounds or perf_counter() - saved > SAVE_EVERY):
-                checkpoint.save(run, out)
-                saved = perf_counter()
-            advance(f"greedy walk {report.test_minutes.mean():.0f} min")
-    ended = perf_counter()
-    if len(curve) == before:
-        raise SidestepError(f"the model in {out} has been trained to the end, {before} rounds")
-    # The first round is left out of the rates, since it waits for the compiler.
-    done = len(curve) - before
-    rate = (done - 1) / (ended - first) if done > 1 else 1 / (ended - began)
-    summary = {
-        "scenario": problem.model_dump(),
-        "seed": seed,
-        "map": index,
-        "level": config.level,
-        "config": asdict(config),
-        "seconds": ended - began,
-        "steps_per_second": rate * config.round_steps,
-        "updates_per_second": rate * config.iterations,
-        "curve_minutes": [sum(walks) / len(walks) for walks in curve],
-        "best_minutes": float(run.state.best_minutes),
-        "model": None if out is None else str(out),
-    }
+        run = runs.train(
+            problem,
+            config,
+            seed=seed,
+            index=index,
+            out=out,
+            resume=resume,
+            on_round=lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"),
+        )
     if as_json:
-        print(json.dumps(summary, indent=2))
-        return
-    means = summary["curve_minutes"]
+        print(json.dumps(run.to_json(), indent=2))
+    else:
+        show_run(scenario, run)
+
+
+def show_run(scenario: str, run: "TrainingRun") -> None:
+    """Print what was trained, how fast, and how long the greedy test walks took."""
+    metadata, config = run.metadata, run.metadata.config
     print(
-        f"{scenario}, map {index}, level {config.level}: {len(curve)} rounds of {config.round_steps:,} transitions in "
-        f"{summary['seconds']:.1f} s ({summary['steps_per_second']:,.0f} transitions/s, "
-        f"{summary['updates_per_second']:,.0f} updates/s)"
+        f"{scenario}, map {metadata.map}, level {config.level}: {len(metadata.curve)} rounds of "
+        f"{config.round_steps:,} transitions in {run.seconds:.1f} s ({run.steps_per_second:,.0f} transitions/s, "
+        f"{run.updates_per_second:,.0f} updates/s)"
     )
-    print(problem.summary, end="\n" if problem.summary else "")
-    unit = "min" if problem.objective.is_time else "min of cost"
-    print(f"greedy test walks: {means[0]:.1f} {unit} after the first round, {means[-1]:.1f} after the last, ", end="")  # type: ignore[index]
-    print(f"{summary['best_minutes']:.1f} at best" + ("" if out is None else f"; model: {out}"))
+    print(metadata.scenario.summary, end="\n" if metadata.scenario.summary else "")
+    first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
+    unit = "min" if metadata.scenario.objective is None else "min of cost"
+    print(f"greedy test walks: {first:.1f} {unit} after the first round, {last:.1f} after the last, ", end="")
+    print(f"{run.best_minutes:.1f} at best" + ("" if run.folder is None else f"; model: {run.folder}"))

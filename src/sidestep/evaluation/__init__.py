@@ -1,1 +1,1 @@
-"""Planners side by side on common random numbers."""
+"""Comparisons: planners side by side on common random numbers."""

@@ -1,45 +1,18 @@
-"""What is reported of walks: means, savings and regrets with bootstrap intervals."""
+"""The measures of a comparison: means, savings, gaps and differences, with bootstrap intervals."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NotRequired, TypedDict
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sidestep.environment.rollout import Walk
 from sidestep.environment.types import Level
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE
 
 RESAMPLES = 2_000
-
-
-@dataclass(frozen=True)
-class Totals:
-    """What walks cost by an objective, and what that is made of."""
-
-    cost: Float[np.ndarray, "*walks"]  # minutes, or what counts as much
-    exposure: Float[np.ndarray, "*walks"]  # crowd met, person·s/m²
-    metres: Float[np.ndarray, "*walks"]
-    too_dense: Float[np.ndarray, "*walks"]  # streets entered above the maximum density
-
-
-def totals_of(walked: Walk) -> Totals | None:
-    """What walks cost, where that is not time alone."""
-    if not walked.measures:
-        return None
-    measures = {name: np.asarray(total, np.float64) for name, total in walked.measures.items()}
-    return Totals(np.asarray(walked.cost, np.float64) / 60, **measures)
-
-
-def joined(several_totals: Sequence[Totals], join: Callable[[list[np.ndarray]], np.ndarray]) -> Totals | None:
-    """Several tallies as one; None where there are none, since time was all that counted."""
-    return (
-        Totals(*(join([getattr(one, of.name) for one in several_totals]) for of in fields(Totals)))
-        if several_totals
-        else None
-    )
+"""Number of bootstrap resamples behind each interval."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +20,23 @@ class Record:
     """How one planner's walks went. Walks are paired with those of the other planners, map by map."""
 
     level: Level
-    minutes: Float[np.ndarray, "map walk"]  # the horizon where a walk did not arrive
-    arrived: Bool[np.ndarray, "map walk"]
-    decision_us: float  # microseconds of planning and deciding for each decision, without potentials and live feed
-    totals: Totals | None = None  # None where time is all that counts
+    """What the planner knows."""
 
-    @property
-    def cost(self) -> Float[np.ndarray, "map walk"]:
-        """What planners are judged by: minutes, or what the objective makes of them."""
-        return self.minutes if self.totals is None else self.totals.cost
+    minutes: Float[np.ndarray, "*walks"]
+    """Travel times; the horizon where a walk did not arrive."""
+
+    arrived: Bool[np.ndarray, "*walks"]
+    """Which walks arrived by the horizon."""
+
+    cost: Float[np.ndarray, "*walks"]
+    """What planners are judged by, in minutes: travel times, or what the objective makes of them."""
+
+    totals: Mapping[str, Float[np.ndarray, "*walks"]] = field(default_factory=dict)
+    """Under an objective: ``exposure`` (crowd met, person·s/m²), ``metres``, and ``too_dense`` (streets entered above
+    the maximum density); empty where time is all that counts."""
+
+    decision_us: float | None = None
+    """Microseconds for each decision; None where they were not measured."""
 
     @property
     def maps(self) -> int:
@@ -63,63 +44,147 @@ class Record:
         return len(self.minutes)
 
 
+def join_records(records: Sequence[Record], join: Callable[[list[np.ndarray]], np.ndarray]) -> Record:
+    """Join the walks of one planner's records into one record, array by array."""
+    first, times = records[0], [record.decision_us for record in records if record.decision_us is not None]
+    return Record(
+        first.level,
+        join([record.minutes for record in records]),
+        join([record.arrived for record in records]),
+        join([record.cost for record in records]),
+        {name: join([record.totals[name] for record in records]) for name in first.totals},
+        float(np.median(times)) if times else None,
+    )
+
+
+HEADINGS = {
+    "planner": "planner",
+    "knows": "knows",
+    "cost": "cost",
+    "minutes": "minutes",
+    "minutes 95 %": "95 %",
+    "exposure": "exposure",
+    "metres": "metres",
+    "too dense": "too dense",
+    "median": "median",
+    "90 %": "90 % in",
+    "in time": "in time",
+    "saved": "saved",
+    "best map": "best map",
+    "difference": "over `expected`",
+    "difference 95 %": "95 %",
+    "gap": "over the clairvoyant",
+    "gap 95 %": "95 %",
+    "arrive": "arrive",
+    "µs a decision": "µs/decision",
+}
+"""Columns of tables, in their usual order, and what is written above them."""
+
+TEXT_COLUMNS = ("planner", "knows")
+"""Columns that hold text; all others hold numbers."""
+
 PAPER_COLUMNS = (
-    "planner", "knows", "minutes", "minutes 95 %", "saved", "best map", "regret", "regret 95 %", "arrive",
-    "µs a decision",
+    "planner", "knows", "minutes", "minutes 95 %", "saved", "best map", "gap", "gap 95 %", "arrive",
 )  # fmt: skip
+"""Columns of the tables about the paper."""
 
 
 class Row(TypedDict):
-    """One planner in ``results.json``; intervals are [low, high], rates and savings are fractions."""
+    """One planner in ``results.json``. Intervals are 95 % and [low, high]; rates, savings and gaps are fractions.
+
+    With an objective, savings, gaps, regrets and differences are those of costs.
+    """
 
     level: Level
     maps: int
     mean_minutes: float
     ci95: list[float]
+
     saving_vs_shortest_path: float
-    best_saving: float  # on the map (or walk, if there is one map) where it saved most
-    regret: float
-    regret_ci95: list[float]
+    """1 - mean / mean of ``shortest-path``."""
+
+    best_saving: float
+    """Saving on the map (on the walk, if there is one map) where it is largest."""
+
+    gap: float
+    """Mean / mean of ``clairvoyant`` - 1: how far the planner stays behind the bound."""
+
+    gap_ci95: list[float]
+
+    regret_minutes: float
+    """Mean less that of ``clairvoyant``: the same distance, in minutes."""
+
     arrival_rate: float
-    decision_us: float
-    median_minutes: float  # of single walks, as is the next
+
+    median_minutes: float
+    """Median of single walks."""
+
     p90_minutes: float
-    arrive_by: float | None  # share of the walks that arrive within the minutes asked about
-    difference_minutes: float  # mean less that of the rival, by default `expected`: below zero where faster
-    difference_ci95: list[float]  # paired
-    # With an objective savings, regrets and differences are those of costs, and these are there:
+    """Minutes within which nine walks in ten are done."""
+
+    arrive_by: float | None
+    """Share of the walks that arrive within the minutes asked about."""
+
+    difference_minutes: float
+    """Mean less that of the baseline, by default ``expected``: below zero where faster."""
+
+    difference_ci95: list[float]
+    """Of paired differences."""
+
+    decision_us: NotRequired[float]
+    """Microseconds for each decision; only where they were measured."""
+
     mean_cost_minutes: NotRequired[float]
-    mean_exposure: NotRequired[float]  # person·s/m²
+    """Only with an objective, as the three after it."""
+
+    mean_exposure: NotRequired[float]
+    """Crowd met, person·s/m²."""
+
     mean_metres: NotRequired[float]
-    mean_too_dense: NotRequired[float]  # streets entered above the maximum density, on each walk
+
+    mean_too_dense: NotRequired[float]
+    """Streets entered above the maximum density on each walk."""
 
 
 def summarise(
-    records: dict[str, Record], seed: int = 0, by: float | None = None, baseline: str = BASELINE
+    records: Mapping[str, Record], seed: int = 0, by: float | None = None, baseline: str = BASELINE
 ) -> dict[str, Row]:
-    """One row per planner, in the shape of ``results.json``.
+    """Sum up walks in one row for each planner.
 
-    ``by`` are the minutes that ``arrive_by`` asks about, ``baseline`` is the row that differences are taken to.
+    Intervals are 95 % percentile bootstraps that resample whole maps, or walks where there is one map. The same
+    resamples serve every planner, so ratios and differences are paired. A row that covers fewer maps is set against
+    the same maps of the others.
 
-    ``saving_vs_shortest_path`` is 1 - mean/mean(shortest-path), ``regret`` mean/mean(clairvoyant) - 1. Intervals are
-    95 % percentile bootstraps that resample whole maps, or walks where there is one map; the same resamples serve every
-    planner, so that ratios are paired. A row that covers fewer maps is set against the same maps of the references.
-    With an objective all of these are of costs, not of minutes.
+    Parameters
+    ----------
+    records
+        Walks by planner. ``shortest-path``, ``clairvoyant`` and the baseline are among them.
+    seed
+        Seed of the resamples.
+    by
+        Minutes that ``arrive_by`` asks about.
+    baseline
+        The planner that differences are taken to.
+
+    Returns
+    -------
+    dict of Row
+        By planner.
     """
     return {name: _row(record, records, seed, by, records[baseline].cost) for name, record in records.items()}
 
 
 def _row(
     record: Record,
-    records: dict[str, Record],
+    records: Mapping[str, Record],
     seed: int,
     by: float | None,
-    baselines: Float[np.ndarray, "map walk"],
+    baseline_cost: Float[np.ndarray, "map walk"],
 ) -> Row:
     minutes, cost = _units(record.minutes), _units(record.cost)
     reference = _units(records[REFERENCE].cost[: record.maps])
     bound = _units(records[BOUND].cost[: record.maps])
-    baseline = _units(baselines[: record.maps])
+    baseline = _units(baseline_cost[: record.maps])
     again = np.random.default_rng(seed).integers(len(cost), size=(RESAMPLES, len(cost)))
     means, bounds = cost[again].mean(axis=1), bound[again].mean(axis=1)
     single = spread(record.minutes, record.arrived, by)
@@ -130,25 +195,27 @@ def _row(
         "ci95": _interval(minutes[again].mean(axis=1)),
         "saving_vs_shortest_path": float(1 - cost.mean() / reference.mean()),
         "best_saving": float(1 - (cost / reference).min()),
-        "regret": float(cost.mean() / bound.mean() - 1),
-        "regret_ci95": _interval(means / bounds - 1),
+        "gap": float(cost.mean() / bound.mean() - 1),
+        "gap_ci95": _interval(means / bounds - 1),
+        "regret_minutes": float(cost.mean() - bound.mean()),
         "arrival_rate": float(record.arrived.mean()),
-        "decision_us": record.decision_us,
         "median_minutes": single["median_minutes"],
         "p90_minutes": single["p90_minutes"],
         "arrive_by": single["arrive_by"],
         "difference_minutes": float(cost.mean() - baseline.mean()),
         "difference_ci95": _interval(means - baseline[again].mean(axis=1)),
     }
-    if record.totals is not None:
+    if record.decision_us is not None:
+        row["decision_us"] = record.decision_us
+    if record.totals:
         row["mean_cost_minutes"] = float(cost.mean())
-        row["mean_exposure"] = float(record.totals.exposure.mean())
-        row["mean_metres"] = float(record.totals.metres.mean())
-        row["mean_too_dense"] = float(record.totals.too_dense.mean())
+        row["mean_exposure"] = float(record.totals["exposure"].mean())
+        row["mean_metres"] = float(record.totals["metres"].mean())
+        row["mean_too_dense"] = float(record.totals["too_dense"].mean())
     return row
 
 
-class InterpolationWeights(TypedDict):
+class Spread(TypedDict):
     """How much single walks differ."""
 
     median_minutes: float
@@ -156,10 +223,8 @@ class InterpolationWeights(TypedDict):
     arrive_by: float | None
 
 
-def spread(
-    minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None
-) -> InterpolationWeights:
-    """Median, 90 % quantile, and the share that arrives within ``by`` minutes."""
+def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None) -> Spread:
+    """Find the median, the 90 % quantile, and the share of walks that arrive within ``by`` minutes."""
     return {
         "median_minutes": float(np.median(minutes)),
         "p90_minutes": float(np.quantile(minutes, 0.9)),
@@ -167,13 +232,25 @@ def spread(
     }
 
 
-def cells(name: str, row: Row, maps: int, columns: Iterable[str] = ()) -> dict[str, str]:
-    """One planner's row as people read it, column by column; ``maps`` is how many the comparison has.
+def cells(name: str, row: Row, maps: int, columns: Iterable[str] = PAPER_COLUMNS) -> dict[str, str]:
+    """Format one planner's row for people.
 
-    By default all columns but those that other tables add.
+    Parameters
+    ----------
+    name, row
+        The planner and its row.
+    maps
+        Number of maps of the comparison; rows that cover fewer say so.
+    columns
+        Which columns to show, in this order.
+
+    Returns
+    -------
+    dict of str
+        Texts by column.
     """
     low, high = row["ci95"]
-    regret_low, regret_high = row["regret_ci95"]
+    gap_low, gap_high = row["gap_ci95"]
     less, more = row["difference_ci95"]
     every = {
         "planner": name if row["maps"] == maps else f"{name} ({row['maps']} maps)",
@@ -191,21 +268,31 @@ def cells(name: str, row: Row, maps: int, columns: Iterable[str] = ()) -> dict[s
         "best map": percent(row["best_saving"]),
         "difference": f"{row['difference_minutes']:+.2f}",
         "difference 95 %": f"{less:+.2f} to {more:+.2f}",
-        "regret": percent(row["regret"], 2),
-        "regret 95 %": f"{100 * regret_low:.2f} to {100 * regret_high:.2f}",
+        "gap": percent(row["gap"], 2),
+        "gap 95 %": f"{100 * gap_low:.2f} to {100 * gap_high:.2f}",
         "arrive": percent(row["arrival_rate"]),
-        "µs a decision": f"{row['decision_us']:,.1f}",
+        "µs a decision": f"{row.get('decision_us', math.nan):,.1f}",
     }
-    return {column: every[column] for column in columns or PAPER_COLUMNS}
+    return {column: every[column] for column in columns}
+
+
+def markdown_table(rows: Mapping[str, Row], maps: int, columns: Sequence[str] = PAPER_COLUMNS) -> str:
+    """Format rows as a table in Markdown; the arguments are those of :func:`cells`."""
+    lines = [
+        [HEADINGS[column] for column in columns],
+        ["---" if column in TEXT_COLUMNS else "--:" for column in columns],
+        *(list(cells(name, row, maps, columns).values()) for name, row in rows.items()),
+    ]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """A share as people read it."""
+    """Format a share in per cent."""
     return f"{100 * share:.{digits}f} %"
 
 
 def _units(minutes: Float[np.ndarray, "map walk"]) -> Float[np.ndarray, " unit"]:
-    """What is resampled: maps, or the walks of the only map."""
+    """The units that are resampled: means of maps, or the walks of the only map."""
     return minutes[0] if len(minutes) == 1 else minutes.mean(axis=1)
 
 

@@ -1,1 +1,1 @@
-"""Published results, one file each; every docstring lists where we deviate."""
+"""Published results, each made by one module."""

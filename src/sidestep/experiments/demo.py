@@ -1,4 +1,4 @@
-"""The demonstration: one congested map, an agent that learns it, and where everyone then walks."""
+"""The demonstration: one congested map, an agent that learns it, and the paths that planners then take."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,45 +8,63 @@ import numpy as np
 
 from sidestep import plotting
 from sidestep.agent.presets import PRESETS
+from sidestep.agent.runs import OnRound, train
 from sidestep.evaluation.compare import Comparison, compare
+from sidestep.experiments.paper import PLANNERS
 from sidestep.planners.base import routes
-from sidestep.planners.learned import Darp, OnRound, train_darp
-from sidestep.planners.registry import BASELINES
-from sidestep.planners.shortest_path import ShortestPath
-from sidestep.planners.time_dependent import Clairvoyant
+from sidestep.planners.learned import Darp, trained_darp
+from sidestep.planners.registry import BOUND, REFERENCE, choose_planners, find_planner
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
 
 SCENARIO = "paper-congested"
+CONFIG = PRESETS["default"]
+"""How the agent learns."""
+
 WALKS = 200
-TRACE = 200  # nodes of a route that are drawn at most
+TRACE = 200
+"""Most segments of a route that are drawn."""
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """What the demonstration found."""
+    """The results of the demonstration."""
 
     comparison: Comparison
     darp: Darp
+    """The agent that was trained."""
+
     picture: Path
+    """The file of the picture."""
 
 
 def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
-    """Train on map 0 of a seed, compare all planners there, and draw the first of the test walks."""
+    """Train on map 0 of a seed, compare all planners there, and draw the first of the test walks.
+
+    Parameters
+    ----------
+    out
+        Folder for the picture, ``map.png``.
+    seed
+        Seed of the map, the crowds and the training.
+    on_round
+        Called after every round of training.
+    """
     problem = scenario(SCENARIO)
     scenario_map = draw_map(problem, seed)
-    darp = train_darp(PRESETS["default"], problem, scenario_map, on_round)
-    comparison = compare(problem, {**BASELINES, Darp.name: lambda *_: darp}, maps=[0], walks=WALKS, seed=seed)
+    darp = trained_darp(train(problem, CONFIG, seed=seed, on_round=on_round).model)
+    planners = choose_planners(problem, PLANNERS).factories | {Darp.name: lambda *_: darp}
+    comparison = compare(problem, planners, maps=[0], walks=WALKS, seed=seed)
     params = make_environment(problem, scenario_map, "test", WALKS)
     walk = instances(problem, scenario_map, params, 1)
     shown = {
         planner.name: routes(planner, params, walk, purpose_key(scenario_map, "test"), TRACE)[0]
-        for planner in (ShortestPath(), darp, Clairvoyant())
+        for planner in (find_planner(REFERENCE), darp, find_planner(BOUND))
     }
     picture = out / "map.png"
-    title = f"{problem.name}, seed {seed}: one walk through crowds that nobody knew beforehand"
+    title = f"{problem.name}, map 0, seed {seed}: one walk through crowds that were not known beforehand"
     plotting.save(
         plotting.crowded_map(
             title, params, np.asarray(scenario_map.flow.expected(jnp.zeros(1), 1).counted[0, 0]), shown

@@ -50,19 +50,21 @@ Deviations from the paper, and what it leaves open:
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sidestep import plotting
+from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
-from sidestep.evaluation.compare import Comparison, Results, Walked, compare
+from sidestep.agent.runs import train
+from sidestep.evaluation.compare import Comparison, Results, compare
 from sidestep.experiments import report
 from sidestep.files import write_text
 from sidestep.planners.base import Planner
-from sidestep.planners.learned import Darp, train_darp
-from sidestep.planners.registry import BASELINES
+from sidestep.planners.learned import Darp, trained_darp
+from sidestep.planners.registry import PlannerFactory, choose_planners
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Flows, Scenario
@@ -70,8 +72,14 @@ from sidestep.walking.crossing_time import CrossingRule
 
 CONDITIONS = {"unblocked": "paper-unblocked", "congested": "paper-congested"}
 FLOWS: tuple[Flows, ...] = ("arima", "forecast")
-LITERAL = "darp-paper"  # the row of the paper preset
-LINES = ("clairvoyant", "expected", "shortest-path", "random-progress")  # level lines in the figures
+PLANNERS = ("random-walk", "random-progress", "shortest-path", "expected", "clairvoyant")
+"""The planners that the paper has, and those that bound it."""
+
+LITERAL = "darp-paper"
+"""The row of the ``paper`` preset."""
+
+LINES = ("clairvoyant", "expected", "shortest-path", "random-progress")
+"""Planners that are level lines in the figures."""
 
 
 @dataclass(frozen=True)
@@ -79,39 +87,84 @@ class Plan:
     """How much to run."""
 
     maps: int = 100
-    literal_maps: int = 20  # the paper preset takes 50,000 small steps a map, so it walks the first of the maps only
+    """Number of maps in each condition."""
+
+    rounds: int = PRESETS["default"].rounds
+    """Rounds of training by the ``default`` preset, on each map."""
+
+    literal_maps: int = 20
+    """Number of maps, the first ones, that the ``paper`` preset learns: it takes 50,000 small steps on each."""
+
     literal_rounds: int = PRESETS["paper"].rounds
+    """Rounds of training by the ``paper`` preset."""
+
     walks: int = 20
+    """Number of walks on each map."""
+
     seed: int = 0
 
     @property
     def total(self) -> int:
-        """Maps over all conditions and kinds of flow."""
+        """Number of maps over all conditions and kinds of flow."""
         return self.maps * len(CONDITIONS) * len(FLOWS)
 
 
 QUICK = Plan(maps=2, literal_maps=1, literal_rounds=5, walks=5)
+"""A small run of everything."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition with one kind of flow, compared, and the learning curves of both presets."""
+    """One condition with one kind of flow."""
 
     comparison: Comparison
     curves: dict[str, plotting.Curve]
+    """Learning curves of both presets."""
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """All results, in the shape of ``results.json``."""
+
+    compared: dict[str, Results]
+    """By condition: ``unblocked``, ``congested``, ``unblocked_forecast`` and ``congested_forecast``."""
+
+    claims: list[report.Claim]
+    """What the paper says, and whether it holds."""
+
+    curves: dict[str, dict[str, list[float]]]
+    """Minutes of greedy test walks after every round, by condition and preset: means over maps."""
+
+    def to_json(self) -> dict[str, object]:
+        """Sum up in the shape of ``results.json``."""
+        return {**self.compared, "claims": [asdict(claim) for claim in self.claims], "curves": self.curves}
 
 
 def reproduce(
     plan: Plan, out: Path, workers: int, on_map: Callable[[str], None], rule: CrossingRule = "integrated"
-) -> dict[str, object]:
-    """Run everything and write ``results.json``, the figures and ``report.html`` into ``out``."""
+) -> Reproduction:
+    """Run everything, and write ``results.json``, the figures and ``report.html``.
+
+    Parameters
+    ----------
+    plan
+        How much to run.
+    out
+        Folder to write to.
+    workers
+        Number of threads; each walks one map at a time.
+    on_map
+        Called with the condition as each map is done.
+    rule
+        How crossing times follow from densities.
+    """
     conditions = {}
     for flows in FLOWS:
         for name, scenario_name in CONDITIONS.items():
             key = name if flows == "arima" else f"{name}_{flows}"
             problem = scenario(scenario_name, flows=flows, rule=rule)
             conditions[key] = _run(key, problem, plan, workers, on_map)
-    compared = {key: found.comparison.as_json() for key, found in conditions.items()}
+    compared = {key: found.comparison.to_json() for key, found in conditions.items()}
     pictures = {}
     for key, found in conditions.items():
         pictures[key] = out / f"{key.replace('_', '-')}.png"
@@ -121,40 +174,48 @@ def reproduce(
         key: {name: curve.minutes.mean(axis=0).tolist() for name, curve in found.curves.items()}
         for key, found in conditions.items()
     }
-    results: dict[str, object] = {**compared, "claims": [asdict(claim) for claim in claims], "curves": curves}
-    write_text(out / "results.json", json.dumps(results, indent=2) + "\n")
+    results = Reproduction(compared, claims, curves)
+    write_text(out / "results.json", json.dumps(results.to_json(), indent=2) + "\n")
     write_text(out / "report.html", report.html(compared, claims, pictures))
     return results
 
 
 def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable[[str], None]) -> Condition:
-    curves: dict[str, list[np.ndarray]] = {Darp.name: [], LITERAL: []}
+    curves: dict[str, dict[int, np.ndarray]] = {Darp.name: {}, LITERAL: {}}
 
-    def default(scenario_map: ScenarioMap, _index: int) -> Planner:
-        return train_darp(PRESETS["default"], problem, scenario_map)
+    def trained(name: str, config: TrainConfig, maps: int) -> PlannerFactory:
+        def factory(_map: ScenarioMap, index: int) -> Planner | None:
+            if index >= maps:
+                return None
+            darp = trained_darp(train(problem, config, seed=plan.seed, index=index).model)
+            curves[name][index] = darp.curve.mean(axis=1)
+            return darp
 
-    as_printed = replace(PRESETS["paper"], rounds=plan.literal_rounds)
+        return factory
 
-    def literal(scenario_map: ScenarioMap, index: int) -> Planner | None:
-        return train_darp(as_printed, problem, scenario_map) if index < plan.literal_maps else None
-
-    def collect(_index: int, walked: dict[str, Walked]) -> None:
-        for name, found in curves.items():
-            if name in walked and isinstance(darp := walked[name].planner, Darp):
-                found.append(darp.curve.mean(axis=1))
-        on_map(key)
-
+    ours = PRESETS["default"].changed(rounds=plan.rounds)
+    as_printed = PRESETS["paper"].changed(rounds=plan.literal_rounds)
     comparison = compare(
         problem,
-        {**BASELINES, Darp.name: default, LITERAL: literal},
+        choose_planners(problem, PLANNERS).factories
+        | {
+            Darp.name: trained(Darp.name, ours, plan.maps),
+            LITERAL: trained(LITERAL, as_printed, plan.literal_maps),
+        },
         maps=range(plan.maps),
         walks=plan.walks,
         seed=plan.seed,
         workers=workers,
-        on_map=collect,
+        on_map=lambda _index, _records: on_map(key),
     )
-    steps = {Darp.name: PRESETS["default"].round_steps, LITERAL: PRESETS["paper"].round_steps}
-    return Condition(comparison, {name: plotting.Curve(np.stack(found), steps[name]) for name, found in curves.items()})
+    steps = {Darp.name: ours.round_steps, LITERAL: as_printed.round_steps}
+    return Condition(
+        comparison,
+        {
+            name: plotting.Curve(np.stack([found[index] for index in sorted(found)]), steps[name])
+            for name, found in curves.items()
+        },
+    )
 
 
 def _draw(key: str, compared: Results, curves: dict[str, plotting.Curve], path: Path) -> None:

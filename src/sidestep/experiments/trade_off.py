@@ -1,4 +1,4 @@
-"""The trade-off between time and the crowd that is met: the same walks with more and more weight on exposure."""
+"""The trade-off between time and crowds: the same walks with more and more weight on the crowd met (exposure)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -9,12 +9,14 @@ import numpy as np
 from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
-from sidestep.planners.registry import BASELINE, BASELINES, BOUND, REFERENCE, REPLANNING, choose
+from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, choose_planners, find_planner
 from sidestep.plotting import TradeOffPoint
 from sidestep.scenarios.build import attribution_of
 from sidestep.scenarios.model import Scenario
 
-WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # s for each person·s/m²
+WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Weights of exposure, in seconds for each person·s/m²."""
+
 WALKS = 20
 CURVES = (BASELINE, BOUND)
 
@@ -24,21 +26,30 @@ class TradeOffJson(TypedDict):
 
     scenario: str
     summary: str
+
+    synthetic: str
+    """What is invented of its crowds; empty where nothing is."""
+
     walks: int
     seed: int
-    curves: dict[str, list[TradeOffPoint]]  # by planner, in the order of the weights
+
+    curves: dict[str, list[TradeOffPoint]]
+    """By planner, in the order of the weights."""
+
     shortest_path: TradeOffPoint
     attribution: str
 
 
 @dataclass(frozen=True)
 class TradeOff:
-    """What :func:`trade_off` found."""
+    """The results of :func:`trade_off`."""
 
     scenario: Scenario
     walks: int
     seed: int
     curves: dict[str, list[TradeOffPoint]]
+    """By planner, in the order of the weights."""
+
     shortest_path: TradeOffPoint
 
     @property
@@ -51,20 +62,22 @@ class TradeOff:
         """Heading of the picture."""
         shortest = self.shortest_path
         return (
-            f"{self.scenario.name}, map 0: means of {self.walks} walks, seed {self.seed}; numbers weigh exposure\n"
-            f"shortest-path: {shortest['minutes']:.1f} min and {shortest['exposure']:,.0f} person·s/m²"
+            f"{self.scenario.name}, map 0, seed {self.seed}: means of {self.walks} walks, labelled by weight of "
+            f"exposure\nshortest-path: {shortest['minutes']:.1f} min and {shortest['exposure']:,.0f} person·s/m²"
         )
 
     @property
     def caption(self) -> str:
-        """What stands below the picture: where crowds and streets come from."""
-        return self.scenario.summary + (f"\nStreets: {self.attribution}" if self.attribution else "")
+        """Text below the picture: where crowds and streets come from."""
+        streets = self.attribution and f"Streets: {self.attribution}"
+        return "\n".join(filter(None, (self.scenario.summary, self.scenario.place.synthetic, streets)))
 
-    def as_json(self) -> TradeOffJson:
-        """The shape of ``trade-off --json``."""
+    def to_json(self) -> TradeOffJson:
+        """Sum up in the shape of ``trade-off --json``."""
         return {
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,
+            "synthetic": self.scenario.place.synthetic,
             "walks": self.walks,
             "seed": self.seed,
             "curves": self.curves,
@@ -82,18 +95,33 @@ def trade_off(
     seed: int = 0,
     on_weight: Callable[[float], None] = lambda _weight: None,
 ) -> TradeOff:
-    """Take the same walks on map 0 for one weight of exposure after the other; other weights are the scenario's own.
+    """Take the same walks on map 0 with one weight of exposure after the other.
+
+    Parameters
+    ----------
+    scenario
+        The problem. Other weights than that of exposure are those of its objective.
+    planners
+        Names of planners that need no training; a curve each.
+    weights
+        Weights of exposure, in seconds for each person·s/m².
+    walks
+        Number of walks for each weight.
+    seed
+        Seed of map and crowds.
+    on_weight
+        Called as each weight is done.
 
     Raises
     ------
     SidestepError
-        Planners that are not known or learn, weights that cannot be or come twice.
+        Planners that are unknown or learn, and weights that are negative, too large or given twice.
     """
-    names = list(dict.fromkeys(planners))
     if len(set(weights)) < len(weights):
-        raise SidestepError(f"weights of exposure must all be different, not {weights}")
-    every = choose(names, {**BASELINES, **REPLANNING})
-    chosen = {name: factory for name, factory in every.items() if name in (*names, REFERENCE)}
+        raise SidestepError(f"weights of exposure must all be different, not {weights}", field="weights")
+    names = list(dict.fromkeys(find_planner(name).name for name in planners))
+    every = choose_planners(scenario, names).factories
+    chosen = {name: every[name] for name in every if name in (*names, REFERENCE)}
     base = scenario.objective.changed(measured=True)
     problems = {weight: scenario.changed(objective=base.changed(exposure=weight)) for weight in sorted(weights)}
     curves: dict[str, list[TradeOffPoint]] = {name: [] for name in names}
@@ -108,12 +136,10 @@ def trade_off(
 
 
 def _point(weight: float | None, record: Record) -> TradeOffPoint:
-    totals = record.totals
-    assert totals is not None  # noqa: S101 # there is an objective
     return {
         "weight": weight,
         "minutes": float(np.mean(record.minutes)),
-        "exposure": float(np.mean(totals.exposure)),
-        "metres": float(np.mean(totals.metres)),
+        "exposure": float(np.mean(record.totals["exposure"])),
+        "metres": float(np.mean(record.totals["metres"])),
         "arrival_rate": float(np.mean(record.arrived)),
     }

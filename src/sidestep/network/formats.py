@@ -67,7 +67,7 @@ def save_town(town: Town, path: str | Path) -> None:
     TownError
         Another ending; crossings with the same number, which GraphML has no way to tell apart.
     OutputError
-        A file that cannot be written.
+        An unwritable file.
     """
     path = Path(path)
     suffix = check_suffix(path)
@@ -114,7 +114,7 @@ def load_town(path: str | Path) -> Town:
     path = Path(path)
     suffix = check_suffix(path)
     if suffix == ".geojson":
-        raise TownError(f"{path} cannot be read: GeoJSON does not say which streets meet; load .npz or .graphml")
+        raise TownError(f"{path} is GeoJSON, which does not say which streets meet; load .npz or .graphml")
     # The libraries warn about types that a damaged file leaves out; either it can be read all the same, or not.
     with reading(path, TownError, "town") as file, warnings.catch_warnings(action="ignore"):
         return _read_npz(file) if suffix == ".npz" else read_graphml(file)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -186,7 +187,7 @@ def road_network(
     exit_node = np.full((nodes, exits), ABSENT, np.int32)
     exit_segment = np.full((nodes, exits), ABSENT, np.int32)
     exit_node.flat[slot], exit_segment.flat[slot] = head, np.arange(segments)
-    return RoadNetwork(*map(jnp.asarray, (position, exit_node, exit_segment, tail, head, length, width)))
+    return RoadNetwork(*map(jax.device_put, (position, exit_node, exit_segment, tail, head, length, width)))
 
 
 def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:

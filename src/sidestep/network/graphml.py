@@ -25,7 +25,7 @@ def write_graphml(town: Town, file: BinaryIO) -> None:
     """Write what ``osmnx.load_graphml`` reads: every value as text, an edge for each direction.
 
     osmnx tells the two directions of a street by their ``osmid``. A joined street has no way's number any more, so
-    streets are numbered anew, and negatively, as OpenStreetMap's editors number what is not in the database.
+    streets are numbered anew, and negatively, as OpenStreetMap's editors number objects outside its database.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def write_graphml(town: Town, file: BinaryIO) -> None:
     )
     ids = town.ids.tolist()
     if len(set(ids)) < len(ids):
-        raise TownError("crossings with the same number cannot be saved as GraphML; save the town as .npz", field="ids")
+        raise TownError("GraphML needs crossings with different numbers; save this town as .npz", field="ids")
     meeting = np.bincount(np.concatenate([town.tail, town.head]), minlength=town.nodes).tolist()
     for number, (x, y), streets in zip(ids, town.place.tolist(), meeting, strict=True):
         graph.add_node(number, x=str(x), y=str(y), street_count=str(streets))
@@ -208,7 +208,7 @@ def _words(value: object) -> list[str]:
 
 
 def _width(values: dict[str, Any], kind: str, where: str) -> float:
-    """Take the narrowest of the widths that are given and readable, or what is usual for the kind.
+    """Take the narrowest of the readable widths given, or else the usual width of the kind.
 
     On roads osmnx passes on the width of the carriageway, which is not walked.
     """

@@ -29,7 +29,7 @@ _LARGEST_ID = 2**36  # the reader's filter takes smaller ones only; larger and n
 
 
 class OsmError(SidestepError):
-    """An OpenStreetMap file, or an option for importing it, that cannot be used; ``line`` is known for damaged XML."""
+    """An unusable OpenStreetMap file or import option; ``line`` is known for damaged XML, ``field`` for options."""
 
 
 @dataclass(eq=False)
@@ -165,5 +165,5 @@ def _read_nodes(file: "osmium.io.File", ids: Int64[np.ndarray, " node"]) -> Node
 
 
 def _printable(name: str) -> str:
-    """Remove what is not printable, which files of other formats could not hold."""
+    """Remove unprintable characters, which other file formats do not allow."""
     return "".join(sign for sign in name if sign.isprintable()).strip()[:_LONGEST_NAME].rstrip()

@@ -167,7 +167,7 @@ def parse_width(text: str) -> float | None:
     Returns
     -------
     float or None
-        Metres; None for what is unreadable or not 0.3 to 100 m.
+        Metres; None if unreadable or not 0.3 to 100 m.
     """
     match = _LENGTH.fullmatch(text[:40].lower())
     if match is None:
@@ -238,7 +238,7 @@ def _first_width(tags: Tags, keys: tuple[str, ...], default: float) -> tuple[flo
 
 
 def _sides(tags: Tags) -> tuple[str | None, str | None]:
-    """Tell what is on the left and on the right: a pavement (yes), none (no), one mapped separately, or unknown."""
+    """Tell for the left and the right side: pavement (yes), no pavement (no), mapped separately, or unknown (None)."""
     known = {"yes": "yes", "no": "no", "none": "no", "separate": "separate"}
     plain = tags.get("sidewalk", "")
     either = {"left": ("yes", "no"), "right": ("no", "yes"), "both": ("yes", "yes")}

@@ -1,1 +1,1 @@
-"""Who decides where to go next; one protocol for all."""
+"""Planners: they decide at every crossing where to go next; one protocol for all."""

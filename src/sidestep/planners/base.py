@@ -19,59 +19,133 @@ from sidestep.environment.types import EnvParams, Information, Instance, Level, 
 
 
 class Plan(eqx.Module):
-    """What a planner worked out before walks begin."""
+    """Everything that a planner works out before walks begin."""
 
-    shared: PyTree  # the same for all walks
-    own: PyTree  # each leaf [walk, ...]
+    shared: PyTree
+    """Arrays that all walks share, such as the parameters of a network; None where there are none."""
+
+    own: PyTree
+    """Arrays of each walk; every leaf has a leading axis of walks."""
 
 
 DecideByPlan = Callable[[Any, Any, Observation, Key[Array, ""]], Int[Array, ""]]
+"""Choose an exit, given ``plan.shared``, this walk's row of ``plan.own``, the observation and a random key."""
 
 
 @runtime_checkable
 class Planner(Protocol):
-    """Decides at every crossing which exit to take.
+    """Anything that decides at every crossing which exit to take.
 
-    ``level`` says what the planner may know, ``observes`` what it looks at on the way. Whatever it knows of map and
-    crowds beforehand enters through :meth:`plan`; on the way ``decide`` sees the observation alone, as a pure function
-    of one walker (``jax.vmap`` makes many). It is static: planners which decide alike share one compiled program.
+    A planner is a class with four attributes and one method. It keeps no state: ``plan`` returns all that it works out
+    before the walks begin, and ``decide`` is a pure JAX function of one walker, which ``jax.vmap`` and ``jax.jit`` turn
+    into a compiled program for many. Exits are the segments that leave a node, in the order of ``network.exit_node``
+    and ``network.exit_segment``; ``observation.valid`` says which of them exist.
+
+    See Also
+    --------
+    sidestep.planners.registry.register_planner : Makes a planner known by its name.
+
+    Examples
+    --------
+    A planner that always heads for the node nearest to the destination:
+
+    >>> import jax.numpy as jnp
+    >>> import sidestep
+    >>> from sidestep.planners.base import Plan
+    >>> class StraightLine:
+    ...     '''Take the exit that ends nearest to the destination.'''
+    ...
+    ...     name = "straight-line"
+    ...     level = "map"  # it looks the exits up on a map,
+    ...     observes = "position"  # and needs to see nothing but its node on the way
+    ...
+    ...     @staticmethod
+    ...     def decide(shared, own, observation, key):
+    ...         return jnp.argmin(jnp.where(observation.valid, own[observation.node], jnp.inf))
+    ...
+    ...     def plan(self, params, instances):
+    ...         position, exit_node = params.network.position, params.network.exit_node
+    ...         away = position[exit_node] - position[instances.destination][:, None, None]
+    ...         return Plan(shared=None, own=jnp.linalg.norm(away, axis=-1))  # metres, [walk, node, exit]
+
+    It walks beside the others once it is registered:
+
+    >>> _ = sidestep.register_planner(StraightLine)
+    >>> problem = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
+    >>> chosen = sidestep.choose_planners(problem, ["straight-line"])
+    >>> found = sidestep.compare(problem, chosen.factories, maps=[0], walks=5)
+    >>> list(found.records)
+    ['shortest-path', 'expected', 'clairvoyant', 'straight-line']
     """
 
     name: ClassVar[str]
-    decide: ClassVar[DecideByPlan]  # (plan.shared, plan.own of this walk, observation, key) -> exit
+    """The name on command lines and in tables: lower case with hyphens."""
+
+    decide: ClassVar[DecideByPlan]
+    """The decision: a function without side effects, the same object for all instances of the class.
+
+    It is static, so planners with the same ``decide`` share one compiled program.
+    """
 
     @property
-    def level(self) -> Level: ...
+    def level(self) -> Level:
+        """The level of knowledge: what the planner may use, here and in :meth:`plan`; others of it are its peers."""
+        ...
 
     @property
-    def observes(self) -> Information: ...
+    def observes(self) -> Information:
+        """The level of the observations that ``decide`` uses; often lower than ``level``, since fewer are faster."""
+        ...
 
     def plan(self, params: EnvParams, instances: Instance, /) -> Plan:
-        """Prepare walks; ``instances`` has a leading axis of walks."""
+        """Prepare walks.
+
+        Parameters
+        ----------
+        params
+            The environment. A planner may use the parts that its level knows: ``network`` and ``expected`` from
+            ``map`` on, ``futures`` in hindsight only.
+        instances
+            Origins, destinations, departures and futures, with a leading axis of walks.
+
+        Returns
+        -------
+        Plan
+            What ``decide`` is given.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Route:
-    """A whole walk, for people."""
+    """One whole walk, as numbers for people."""
 
     segments: tuple[int, ...]
-    nodes: tuple[int, ...]  # the origin, and where each segment ends
-    clocks: tuple[float, ...]  # s at which each node is reached
+    """The segments that were walked, one after the other."""
+
+    nodes: tuple[int, ...]
+    """The origin, and the node at which each segment ends."""
+
+    clocks: tuple[float, ...]
+    """Seconds since the scenario's start at which each node is reached; the first is the departure."""
+
     seconds: float
+    """Travel time; the horizon where the walk did not arrive."""
+
     arrived: bool
+    """Whether the walk reached its destination by the horizon."""
 
 
 def choose_allowed(
     _shared: None, allowed: Bool[Array, "node exit"], observation: Observation, key: Key[Array, ""]
 ) -> Int[Array, ""]:
-    """Take one of the exits that a table allows here, at random if there are several."""
+    """Take one of the exits that a table allows at this node, at random where it allows several, any where none."""
     here = allowed[observation.node]
     return random_exit(jnp.where(here.any(), here, observation.valid), jax.random.uniform(key))
 
 
 @partial(jax.jit, static_argnames=("decide", "trace"))
-def _walks(
+def _walk_all(
     decide: DecideByPlan, params: EnvParams, plan: Plan, instances: Instance, keys: Key[Array, " walk"], trace: int
 ) -> Walk:
     def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
@@ -83,15 +157,69 @@ def _walks(
 def walk_plan(
     planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], trace: int = 0
 ) -> Walk:
-    """Walk all instances as planned; the same key gives every planner the same random numbers."""
+    """Walk all instances by a plan.
+
+    Parameters
+    ----------
+    planner
+        The planner that made the plan.
+    params
+        The environment, of the level that the planner observes or a higher one.
+    plan, instances
+        The plan, and the walks that it is for.
+    key
+        Source of all random numbers. The same key gives every planner the same ones.
+    trace
+        Number of segments to remember of each walk.
+
+    Returns
+    -------
+    Walk
+        How each walk went; every leaf has a leading axis of walks.
+
+    Raises
+    ------
+    ValueError
+        Walks about which the environment's level knows nothing.
+    """
     keys = jax.random.split(key, instances.origin.shape[0])
     params = at_level(params, planner.observes)
     check_known(params, instances)
-    return _walks(planner.decide, params, plan, instances, keys, trace)
+    return _walk_all(planner.decide, params, plan, instances, keys, trace)
 
 
 def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Array, ""], trace: int) -> list[Route]:
-    """Whole routes of at most ``trace`` segments."""
+    """Plan and walk all instances, and list where each walk went.
+
+    Parameters
+    ----------
+    planner
+        Any planner.
+    params, instances
+        The environment, and the walks to do in it.
+    key
+        Source of all random numbers.
+    trace
+        Most segments of a route; the rest of longer walks is not listed.
+
+    Returns
+    -------
+    list of Route
+        One for each instance.
+
+    Examples
+    --------
+    >>> import jax
+    >>> import sidestep
+    >>> problem = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
+    >>> scenario_map = sidestep.draw_map(problem, seed=0)
+    >>> params = sidestep.make_environment(problem, scenario_map, "test", futures=1)
+    >>> walks = sidestep.instances(problem, scenario_map, params, walks=1)
+    >>> clairvoyant = sidestep.find_planner("clairvoyant")
+    >>> [route] = sidestep.routes(clairvoyant, params, walks, jax.random.key(0), trace=20)
+    >>> route.nodes[0], route.nodes[-1], route.arrived
+    (0, 8, True)
+    """
     walked = walk_plan(planner, params, planner.plan(params, instances), instances, key, trace)
     head = np.asarray(params.network.head)
     found = []

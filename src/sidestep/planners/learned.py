@@ -1,7 +1,7 @@
 """The trained agent as a planner. No other planner may import the agent."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import ClassVar
@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.agent.checkpoint import Model, TrainingRun, load_model
+from sidestep.agent.checkpoint import Metadata, Model, load_model
 from sidestep.agent.config import TrainConfig
+from sidestep.agent.policy import Policy
 from sidestep.agent.presets import Preset, preset, preset_for
-from sidestep.agent.train import QNetwork, greedy, selected_params, train
+from sidestep.agent.runs import train
 from sidestep.environment.types import EnvParams, Information, Instance, Observation
 from sidestep.errors import SidestepError
 from sidestep.planners.base import DecideByPlan, Plan
@@ -23,53 +24,64 @@ from sidestep.scenarios.model import Scenario
 
 
 class ModelError(SidestepError):
-    """A model that cannot walk what it is asked to: says why."""
+    """A model that cannot walk where it is asked to; ``field`` says what does not fit."""
 
 
-OnRound = Callable[[int, Float[np.ndarray, " test"]], None]  # round number from 1, minutes of its greedy test walks
-
-
-def _decide(network: QNetwork, _own: Array, observation: Observation, key: Key[Array, ""]) -> Int[Array, ""]:
-    return greedy(network)(observation, key)
+def _decide(policy: Policy, _own: Array, observation: Observation, key: Key[Array, ""]) -> Int[Array, ""]:
+    return policy(observation, key)
 
 
 @dataclass(frozen=True, eq=False)
 class Darp:
-    """Greedy on the Q-values that it learned."""
+    """A planner that follows a learned policy.
 
-    network: QNetwork
-    curve: Float[np.ndarray, "round test"]  # minutes of the greedy test walks after every round of training
+    Examples
+    --------
+    >>> import sidestep
+    >>> sidestep.Darp.name
+    'darp'
+    """
+
+    policy: Policy
+    """What was learned, with the margins that it is followed with."""
+    curve: Float[np.ndarray, "round test"]
+    """Minutes of the greedy test walks after every round of training."""
     level: Information = "position"
+    """What it knows, and observes on the way."""
     name: ClassVar[str] = "darp"
     decide: ClassVar[DecideByPlan] = staticmethod(_decide)
 
     @property
     def observes(self) -> Information:
-        """It looks at all that its level knows."""
+        """All that its level knows."""
         return self.level
 
     def plan(self, _params: EnvParams, instances: Instance) -> Plan:
-        return Plan(self.network, jnp.asarray(np.zeros(instances.origin.shape[0])))
+        return Plan(self.policy, jnp.asarray(np.zeros(instances.origin.shape[0])))
 
 
-def train_darp(
-    config: TrainConfig,
-    scenario: Scenario,
-    scenario_map: ScenarioMap,
-    on_round: OnRound = lambda _number, _minutes: None,
-) -> Darp:
-    """Let an agent learn one map."""
-    curve = []
-    for state, report in train(config, scenario, scenario_map):
-        network = selected_params(config, state)
-        curve.append(np.asarray(report.test_minutes))
-        on_round(len(curve), curve[-1])
-    return Darp(network, np.stack(curve), config.level)
+def trained_darp(model: Model) -> Darp:
+    """Make a planner of a model.
 
+    Parameters
+    ----------
+    model
+        What :func:`sidestep.load_model` read, or the ``model`` of a training run.
 
-def trained_darp(model: Model | TrainingRun) -> Darp:
-    """The planner that was saved."""
-    return Darp(model.network, np.asarray(model.curve), model.config.level)
+    Returns
+    -------
+    Darp
+        A planner for :func:`sidestep.compare`, :func:`sidestep.routes` and the like.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> tiny = sidestep.preset("default").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64)
+    >>> problem = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
+    >>> sidestep.trained_darp(sidestep.train(problem, tiny).model).level
+    'position'
+    """
+    return Darp(model.policy, np.asarray(model.metadata.curve), model.metadata.config.level)
 
 
 Factory = Callable[[ScenarioMap, int], Darp]
@@ -79,18 +91,36 @@ Factory = Callable[[ScenarioMap, int], Darp]
 class Learned:
     """Saved models as planners."""
 
-    factories: dict[str, Factory]  # `darp`, or `darp-` and the folder's name where there are several
-    index: int | None  # of the only map that they can walk, if one of them remembers places
-    destinations: frozenset[int] | None  # the only ones, if one of them remembers places
+    factories: dict[str, Factory]
+    """By name: ``darp``, or ``darp-`` and the folder's name where there are several."""
+    index: int | None
+    """Number of the only map that they can walk, if one of them remembers places."""
+    destinations: frozenset[int] | None
+    """The only destinations that they can walk to, if one of them remembers places."""
 
     def check_destination(self, node: int) -> None:
-        """Refuse a destination that was not learned, where only those that were can be walked to."""
+        """Refuse a destination that was not learned, where only those that were can be walked to.
+
+        Raises
+        ------
+        ModelError
+            The node is none of them.
+        """
         if self.destinations is not None and node not in self.destinations:
             known = ", ".join(map(str, sorted(self.destinations)))
-            raise ModelError(f"this model remembers how to walk to {known}, not to {node}; see train --destinations")
+            raise ModelError(
+                f"this model remembers how to walk to {known}, not to {node}; see train --destinations",
+                field="destination",
+            )
 
     def check_destinations(self, scenario_map: ScenarioMap, destinations: int) -> None:
-        """Refuse more destinations than were learned."""
+        """Refuse more destinations than were learned.
+
+        Raises
+        ------
+        ModelError
+            One of them was not learned.
+        """
         for node in destinations_of(scenario_map, destinations).ravel().tolist():
             self.check_destination(node)
 
@@ -98,54 +128,79 @@ class Learned:
 def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level: Information | None = None) -> Learned:
     """Load models to walk the maps of a scenario.
 
+    Parameters
+    ----------
+    folders
+        Of the models.
+    scenario, seed
+        The maps that will be walked.
+    level
+        The only level that is wanted; any by default.
+
     Raises
     ------
+    CheckpointError
+        A folder holds no model that can be read.
     ModelError
-        A model of another level than asked for or for another objective, one that remembers the places of another map,
-        or one that knows crowds from sensors where it is to walk without, or the reverse.
+        A model is of another level than asked for, or learned for another objective or another kind of crowds; or it
+        remembers the places of another map.
     """
     models = {folder: load_model(folder) for folder in folders}
     bound: set[int] = set()
-    ends: list[frozenset[int]] = []
+    destinations: list[frozenset[int]] = []
     for folder, model in models.items():
-        if level is not None and model.config.level != level:
-            raise ModelError(f"the model in {folder} is of level {model.config.level}, not {level}")
-        if model.scenario.objective != scenario.objective:
-            raise ModelError(f"the model in {folder} learned for another objective; give the same --objective")
-        if model.config.level in ("map", "live") and model.scenario.place.interpolated != scenario.place.interpolated:
-            where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
-            learned = where[model.scenario.place.interpolated]
-            raise ModelError(f"the model in {folder} learned to walk {learned}; {scenario.name} is another kind")
-        if model.config.level == "position" or model.config.places:
-            scenario_map = draw_map(scenario, seed, model.index)
-            _check_place(folder, model, scenario_map)
-            bound.add(model.index)
-            ends.append(frozenset(destinations_of(scenario_map, model.config.destinations).ravel().tolist()))
+        metadata, config = model.metadata, model.metadata.config
+        _check_fits(folder, metadata, scenario, level)
+        if config.level == "position" or config.places:
+            scenario_map = draw_map(scenario, seed, metadata.map)
+            _check_place(folder, metadata, scenario_map)
+            bound.add(metadata.map)
+            destinations.append(frozenset(destinations_of(scenario_map, config.destinations).ravel().tolist()))
     if len(bound) > 1:
-        raise ModelError(f"the models remember the places of different maps, numbers {sorted(bound)}")
+        raise ModelError(f"the models remember the places of different maps, numbers {sorted(bound)}", field="map")
     names = {folder: Darp.name if len(models) == 1 else f"{Darp.name}-{folder.name}" for folder in models}
     if len(set(names.values())) < len(names):
-        raise ModelError("the folders of the models must have different names, since planners are called by them")
+        raise ModelError(
+            "the folders of the models must have different names, since planners are called by them", field="model"
+        )
     return Learned(
         {names[folder]: partial(_ready, trained_darp(model)) for folder, model in models.items()},
         bound.pop() if bound else None,
-        frozenset.intersection(*ends) if ends else None,
+        frozenset.intersection(*destinations) if destinations else None,
     )
 
 
-def _ready(darp: Darp, _place: ScenarioMap, _index: int) -> Darp:
+def _ready(darp: Darp, _map: ScenarioMap, _index: int) -> Darp:
     return darp
 
 
-def _check_place(folder: Path, model: Model, scenario_map: ScenarioMap) -> None:
-    if scenario_map.fingerprint == model.fingerprint:
+def _check_fits(folder: Path, metadata: Metadata, scenario: Scenario, level: Information | None) -> None:
+    learned, at = metadata.scenario, metadata.config.level
+    if level is not None and at != level:
+        raise ModelError(f"the model in {folder} is of level {at}, not {level}", field="level")
+    if learned.objective != scenario.objective:
+        raise ModelError(
+            f"the model in {folder} learned for another objective; give the same --objective", field="objective"
+        )
+    if at in ("map", "live") and learned.place.interpolated != scenario.place.interpolated:
+        where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
+        known = where[learned.place.interpolated]
+        raise ModelError(
+            f"the model in {folder} learned to walk {known}; {scenario.name} is another kind",
+            field="scenario",
+        )
+
+
+def _check_place(folder: Path, metadata: Metadata, scenario_map: ScenarioMap) -> None:
+    if scenario_map.fingerprint == metadata.fingerprint:
         return
-    learned = draw_training_map(model.scenario, model.seed, model.index).network.nodes
-    where = f"map {model.index} of {model.scenario.name}, seed {model.seed}"
-    other = (
-        f"one of {scenario_map.network.nodes} nodes" if scenario_map.network.nodes != learned else "another of as many"
+    here = scenario_map.network.nodes
+    learned = draw_training_map(metadata.scenario, metadata.seed, metadata.map).network.nodes
+    where = f"map {metadata.map} of {metadata.scenario.name}, seed {metadata.seed}"
+    other = f"one of {here} nodes" if here != learned else "another of as many"
+    raise ModelError(
+        f"the model in {folder} remembers the {learned} nodes of {where}; this map is {other}", field="fingerprint"
     )
-    raise ModelError(f"the model in {folder} remembers the {learned} nodes of {where}; this map is {other}")
 
 
 def trainable(
@@ -160,15 +215,15 @@ def trainable(
     if not scenario.place.training_maps and not scenario.place.anywhere and destinations == 1:
         configs["tabular-q"] = preset("tabular-q")
     return {
-        key: _factory(scenario, seed, replace(config, destinations=max(config.destinations, destinations)))
+        key: _factory(scenario, seed, config.changed(destinations=max(config.destinations, destinations)))
         for key, config in configs.items()
     }
 
 
 def _factory(scenario: Scenario, seed: int, config: TrainConfig) -> Factory:
-    once = lru_cache(lambda: train_darp(config, scenario, draw_training_map(scenario, seed)))
+    @lru_cache
+    def learned(index: int) -> Darp:
+        return trained_darp(train(scenario, config, seed=seed, index=index).model)
 
-    def here(scenario_map: ScenarioMap, _index: int) -> Darp:
-        return once() if scenario.place.training_maps else train_darp(config, scenario, scenario_map)
-
-    return here
+    # What is learned on maps made for it serves all maps.
+    return lambda _map, index: learned(0 if scenario.place.training_maps else index)

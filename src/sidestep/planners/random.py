@@ -7,11 +7,11 @@ import numpy as np
 
 from sidestep.environment.types import EnvParams, Information, Instance, Level
 from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
-from sidestep.planners.shortest_path import distances_to, per_walk
+from sidestep.planners.shortest_path import distances_to, table_per_walk
 
 
 class RandomWalk:
-    """At every crossing, any exit with the same probability."""
+    """Take any exit with the same probability."""
 
     name: ClassVar[str] = "random-walk"
     level: ClassVar[Level] = "position"
@@ -24,7 +24,7 @@ class RandomWalk:
 
 
 class RandomProgress:
-    """At every crossing, any exit that leaves fewer crossings to go: a random path of fewest segments."""
+    """Take any exit that leaves fewer crossings to go: a random path of fewest segments."""
 
     name: ClassVar[str] = "random-progress"
     level: ClassVar[Level] = "position"
@@ -39,4 +39,4 @@ class RandomProgress:
             hops = distances_to(network, np.ones(network.segments), destination)
             return valid & (hops[exit_node] < hops[:, None])
 
-        return Plan(None, per_walk(instances, exits_ahead))
+        return Plan(None, table_per_walk(instances, exits_ahead))

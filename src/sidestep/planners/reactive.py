@@ -1,4 +1,4 @@
-"""Planners that decide anew at every crossing by what their level reckons there."""
+"""Planners that plan nothing beforehand and decide anew at every crossing, by the estimates of their level."""
 
 from collections.abc import Callable
 from typing import ClassVar
@@ -10,66 +10,67 @@ from jaxtyping import Array, Float, Int, Key
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.planners.base import DecideByPlan, Plan
 
-Seconds = Callable[[Observation], Float[Array, " exit"]]  # to the destination over each exit
+CostToGo = Callable[[Observation], Float[Array, " exit"]]
+"""Cost to the destination over each exit."""
 
 
-def least(seconds: Seconds) -> DecideByPlan:
-    """Decide for the exit of the least time."""
+def take_least(cost_to_go: CostToGo) -> DecideByPlan:
+    """Make the decision that takes the exit of least cost to go."""
 
     def decide(_shared: None, _own: Array, observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
-        return jnp.argmin(jnp.where(observation.valid, seconds(observation), jnp.inf))
+        return jnp.argmin(jnp.where(observation.valid, cost_to_go(observation), jnp.inf))
 
     return decide
 
 
-def _reckoned(seen: Observation) -> Float[Array, " exit"]:
-    if seen.estimate is None:
-        raise ValueError("level position reckons no times")
-    return seen.estimate
+def _estimate(observed: Observation) -> Float[Array, " exit"]:
+    if observed.estimate is None:
+        raise ValueError("observations of level position hold no estimates; observe level local or higher")
+    return observed.estimate
 
 
-def _as_it_stands(seen: Observation) -> Float[Array, " exit"]:
-    if seen.live is None:
-        raise ValueError("only level live sees all counts")
-    return seen.live.snapshot
+def _snapshot(observed: Observation) -> Float[Array, " exit"]:
+    if observed.live is None:
+        raise ValueError("observations below level live hold no snapshots; observe level live")
+    return observed.live.snapshot
 
 
-class _Replanning:
-    """Nothing is planned beforehand; at every crossing the exit of the least time, as the level reckons, is taken."""
+class _Reactive:
+    """Take the exit of least estimated cost to go; nothing is planned beforehand."""
 
-    decide: ClassVar[DecideByPlan] = staticmethod(least(_reckoned))
+    decide: ClassVar[DecideByPlan] = staticmethod(take_least(_estimate))
 
     def plan(self, _params: EnvParams, instances: Instance) -> Plan:
         return Plan(None, jnp.asarray(np.zeros(instances.origin.shape[0])))
 
 
-class GreedyLocal(_Replanning):
-    """Each street as crowded as it is seen to be, then straight on at free speed."""
+class GreedyLocal(_Reactive):
+    """Take the fastest exit by the crowds in sight and a straight line at free speed beyond."""
 
     name: ClassVar[str] = "greedy-local"
     level: ClassVar[Level] = "local"
     observes: ClassVar[Information] = "local"
 
 
-class GreedyMap(_Replanning):
-    """Each street as crowded as it is seen to be, then the fastest way through the expected crowds."""
+class GreedyMap(_Reactive):
+    """Take the fastest exit by the crowds in sight and the fastest path through the expected crowds beyond."""
 
     name: ClassVar[str] = "greedy-map"
     level: ClassVar[Level] = "map"
     observes: ClassVar[Information] = "map"
 
 
-class Snapshot(_Replanning):
-    """The fastest way if all crowds stayed as they are counted now."""
+class Snapshot(_Reactive):
+    """Follow the path that is fastest if all crowds stay as they are counted now."""
 
     name: ClassVar[str] = "snapshot"
     level: ClassVar[Level] = "live"
     observes: ClassVar[Information] = "live"
-    decide: ClassVar[DecideByPlan] = staticmethod(least(_as_it_stands))
+    decide: ClassVar[DecideByPlan] = staticmethod(take_least(_snapshot))
 
 
-class Forecast(_Replanning):
-    """The fastest way if crowds go on as forecast from the counts of now, street by street when it is reached."""
+class Forecast(_Reactive):
+    """Follow the path that is fastest if crowds develop as forecast from the latest counts."""
 
     name: ClassVar[str] = "forecast"
     level: ClassVar[Level] = "live"

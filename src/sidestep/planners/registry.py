@@ -1,44 +1,375 @@
-"""All planners by name."""
+"""All planners by name: those that come with Sidestep, those of installed packages, and your own.
 
-from collections.abc import Callable, Iterable, Mapping
+There are three ways to make a planner of your own known, and then it works in ``compare``, ``route`` and the reports:
 
+- in Python, :func:`register_planner`, also as the decorator of the class;
+- in a package, an entry point of the group ``sidestep.planners``: ``my-planner = "my_package:MyPlanner"``;
+- on the command line, its place instead of a name: ``--planner my_module:MyPlanner``.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib import import_module
+from importlib.metadata import entry_points
+from inspect import getdoc
+from pathlib import Path
+from typing import Any, ClassVar, Literal, TypeVar, get_args
+
+from sidestep.environment.types import LEVELS, Information, Level
 from sidestep.errors import SidestepError
 from sidestep.planners.base import Planner
 from sidestep.planners.random import RandomProgress, RandomWalk
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Clairvoyant, Expected
-from sidestep.scenarios.maps import ScenarioMap
+from sidestep.scenarios.maps import ScenarioMap, draw_map
+from sidestep.scenarios.model import Scenario
 
-REFERENCE, BOUND, BASELINE = "shortest-path", "clairvoyant", "expected"  # rows that the others are set against
-PlannerFactory = Callable[[ScenarioMap, int], Planner | None]  # for map and its number; None skips this map and later
+REFERENCE = ShortestPath.name
+"""The planner that savings are measured against."""
 
+BASELINE = Expected.name
+"""The planner that differences are measured against, unless another is named."""
 
-BASELINES: dict[str, PlannerFactory] = {
-    RandomWalk.name: lambda *_: RandomWalk(),
-    RandomProgress.name: lambda *_: RandomProgress(),
-    ShortestPath.name: lambda *_: ShortestPath(),
-    Expected.name: lambda *_: Expected(),
-    Clairvoyant.name: lambda *_: Clairvoyant(),
-}
+BOUND = Clairvoyant.name
+"""The planner that no other beats: the lower bound, which gaps are measured against."""
 
+ENTRY_POINTS = "sidestep.planners"
+"""The group of entry points under which packages offer planners."""
 
-REPLANNING: dict[str, PlannerFactory] = {
-    GreedyLocal.name: lambda *_: GreedyLocal(),
-    GreedyMap.name: lambda *_: GreedyMap(),
-    Snapshot.name: lambda *_: Snapshot(),
-    Forecast.name: lambda *_: Forecast(),
-}
+PlannerFactory = Callable[[ScenarioMap, int], Planner | None]
+"""Makes the planner for a map and its number. None skips this map, and then all later ones."""
+
+PlannerSource = TypeVar("PlannerSource")
 
 
 class PlannerError(SidestepError):
-    """A planner that is not known."""
+    """A planner that is unknown, or that does not fit."""
 
 
-def choose(names: Iterable[str], factories: Mapping[str, PlannerFactory]) -> dict[str, PlannerFactory]:
-    """Pick planners by name; the three that the others are measured against are always among them."""
-    wanted = list(dict.fromkeys([*names, REFERENCE, BASELINE, BOUND]))
-    for name in wanted:
-        if name not in factories:
-            raise PlannerError(f"unknown planner {name!r}; there are {', '.join(factories)}")
-    return {name: factory for name, factory in factories.items() if name in wanted}
+@dataclass(frozen=True)
+class Training:
+    """What planners that learn are trained for before they walk."""
+
+    scenario: Scenario
+    seed: int = 0
+    level: Information | None = None
+    """What the agent observes; None is the scenario's level."""
+
+    preset: Literal["default", "paper", "dqn", "tabular-q"] = "default"
+    """How ``darp`` learns; the other planners that learn are presets themselves."""
+
+    destinations: int = 1
+    """Least number of destinations to learn."""
+
+
+@dataclass(frozen=True)
+class PlannerInfo(ABC):
+    """A planner that is known by name."""
+
+    name: str
+    level: Level | Literal["any"]
+    """What it may know; planners that learn at any level say ``any``."""
+
+    summary: str
+    """One line that says how it decides: the first line of its class's docstring."""
+
+    use: str
+    """One line that says when to use it."""
+
+    learns: ClassVar[bool]
+    """Whether it has to be trained before it can walk."""
+
+    @abstractmethod
+    def find(self) -> Planner:
+        """Return the planner, if it walks without training."""
+
+    @abstractmethod
+    def factory(self, training: Training) -> PlannerFactory:
+        """Return a factory for the maps of a scenario; those that learn are trained by it."""
+
+
+@dataclass(frozen=True)
+class _Search(PlannerInfo):
+    planner: Planner
+    learns: ClassVar[bool] = False
+
+    def find(self) -> Planner:
+        return self.planner
+
+    def factory(self, training: Training) -> PlannerFactory:
+        del training
+        return lambda *_: self.planner
+
+
+@dataclass(frozen=True)
+class _Learned(PlannerInfo):
+    learns: ClassVar[bool] = True
+
+    def find(self) -> Planner:
+        raise PlannerError(f"{self.name} learns, so it needs a trained model; give --model FOLDER", field="planner")
+
+    def factory(self, training: Training) -> PlannerFactory:
+        from sidestep.planners.learned import trainable
+
+        asked = training.scenario, training.seed, training.level or training.scenario.level
+        found = trainable(*asked, training.preset, training.destinations)
+        if self.name not in found:
+            raise PlannerError(f"{self.name} learns only grids with one destination", field="planners")
+        return found[self.name]
+
+
+def register_planner(planner: PlannerSource, *, use: str = "") -> PlannerSource:
+    """Make a planner known by its name; also the decorator of a planner's class.
+
+    Parameters
+    ----------
+    planner
+        A planner, or a class or function that returns one when called without arguments.
+    use
+        One line for ``sidestep planners`` that says when to use it.
+
+    Returns
+    -------
+    PlannerSource
+        The argument, unchanged.
+
+    Raises
+    ------
+    PlannerError
+        An object that lacks a part of the protocol, or a name that is taken by a planner of Sidestep.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> from sidestep.planners.time_dependent import Expected
+    >>> @sidestep.register_planner
+    ... class Optimist(Expected):
+    ...     '''Hope that crowds come as expected.'''
+    ...
+    ...     name = "optimist"
+    >>> sidestep.find_planner("optimist").level
+    'map'
+    """
+    _add(planner, use)
+    return planner
+
+
+def _add(source: object, use: str = "") -> str:
+    """Register a planner, and return its name."""
+    said = f"{source!r:.80} is no planner"
+    try:
+        planner: Any = source() if callable(source) else source
+    except TypeError as error:
+        raise PlannerError(f"{said} that can be made without arguments: {error}", field="planner") from error
+    lacking = [part for part in ("name", "level", "observes", "decide", "plan") if not hasattr(planner, part)]
+    if lacking:
+        raise PlannerError(f"{said}: it has no {', no '.join(lacking)}", field="planner")
+    for part, known in (("level", get_args(Level)), ("observes", LEVELS)):
+        if getattr(planner, part) not in known:
+            raise PlannerError(f"{said}: its {part} must be one of {', '.join(known)}", field="planner")
+    if planner.name in _BUILT_IN:
+        raise PlannerError(f"{said} to add: the name {planner.name} is Sidestep's own", field="planner")
+    summary = (getdoc(type(planner)) or "").partition("\n")[0]
+    _KNOWN[planner.name] = _Search(planner.name, planner.level, summary, use, planner)
+    return str(planner.name)
+
+
+def planner_infos() -> dict[str, PlannerInfo]:
+    """List all planners: Sidestep's, registered ones, and those of installed packages.
+
+    Raises
+    ------
+    PlannerError
+        A planner of an installed package that does not load.
+    """
+    for point in entry_points(group=ENTRY_POINTS):
+        _info(point.name)
+    return dict(_KNOWN)
+
+
+def _info(name: str) -> PlannerInfo:
+    """Find a planner by its name or its place, ``module:name``."""
+    if name in _KNOWN:
+        return _KNOWN[name]
+    installed = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+    if ":" in name or name in installed:
+        found = _KNOWN[_add(_load(installed.get(name, name)))]
+        if name in installed and name != found.name:
+            raise PlannerError(f"the entry point {name} leads to a planner that is called {found.name}; rename one")
+        return found
+    every = [*_KNOWN, *installed]
+    close = get_close_matches(name, every, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(every)}, or give MODULE:NAME"
+    raise PlannerError(f"unknown planner {name!r:.60}; {hint}", field="planner")
+
+
+def _load(place: str) -> Any:
+    module, _, name = place.partition(":")
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise PlannerError(f"no planner at {place}: {error}", field="planner") from error
+
+
+def find_planner(name: str) -> Planner:
+    """Find a planner that need not be trained.
+
+    Parameters
+    ----------
+    name
+        The planner's name, or its place as ``module:name``.
+
+    Raises
+    ------
+    PlannerError
+        Unknown names, and planners that learn.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> sidestep.find_planner("greedy-map").level
+    'map'
+    """
+    return _info(name).find()
+
+
+@dataclass(frozen=True)
+class Lineup:
+    """Planners that were chosen for a scenario."""
+
+    scenario: Scenario
+    factories: dict[str, PlannerFactory]
+    """By name, in the order of tables: what :func:`sidestep.compare` takes."""
+
+    baseline: str = BASELINE
+    """Name of the planner that the others' minutes are set against."""
+
+    only_map: int | None = None
+    """Number of the only map that they can walk, where one of them is a model that remembers its places."""
+
+    def map_numbers(self, maps: int | None = None) -> list[int]:
+        """Number the maps to walk.
+
+        Parameters
+        ----------
+        maps
+            How many; None leaves it to the scenario.
+
+        Raises
+        ------
+        PlannerError
+            Maps are asked for, but a model remembers a single one.
+        """
+        if self.only_map is None:
+            return list(range(self.scenario.maps if maps is None else maps))
+        if maps is not None:
+            raise PlannerError(f"the model remembers map {self.only_map} alone; leave out --maps", field="maps")
+        return [self.only_map]
+
+
+def choose_planners(
+    scenario: Scenario,
+    names: Iterable[str] | None = None,
+    *,
+    models: Sequence[Path] = (),
+    against: str = BASELINE,
+    seed: int = 0,
+    level: Information | None = None,
+    preset: Literal["default", "paper", "dqn", "tabular-q"] = "default",
+    destinations: int = 1,
+) -> Lineup:
+    """Choose planners by name.
+
+    The three that the others are measured against are always among them: ``shortest-path``, ``expected`` and
+    ``clairvoyant``.
+
+    Parameters
+    ----------
+    scenario
+        The scenario that they walk.
+    names
+        Names of planners, or places such as ``my_module:MyPlanner``. By default all of Sidestep's planners that need no
+        training and, without models, ``darp``, which is trained before it walks.
+    models
+        Folders of trained models, which are chosen in any case. One walks as ``darp``, several as ``darp-`` and the
+        name of their folder.
+    against
+        The planner that the others' minutes are set against; it is chosen, too.
+    seed, level, preset
+        How planners that learn are trained: seed of map and training, what the agent observes, and the way to learn.
+    destinations
+        Number of destinations that walks go to.
+
+    Raises
+    ------
+    SidestepError
+        Unknown planners, and models that cannot walk this scenario.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> list(sidestep.choose_planners(sidestep.scenario("rush-16"), ["greedy-map"]).factories)
+    ['shortest-path', 'expected', 'clairvoyant', 'greedy-map']
+    """
+    learned, only_map = _models(models, scenario, seed, level, destinations)
+    if names is None:
+        names = [*(info.name for info in _BUILT_IN.values() if not info.learns), *([] if models else ["darp"])]
+    found = {name: _info(name).name for name in (*names, REFERENCE, BASELINE, BOUND, against) if name not in learned}
+    wanted, baseline = set(found.values()), found.get(against, against)
+    training = Training(scenario, seed, level, preset, destinations)
+    factories = {name: info.factory(training) for name, info in _KNOWN.items() if name in wanted}
+    return Lineup(scenario, factories | learned, baseline, only_map)
+
+
+def _models(
+    folders: Sequence[Path], scenario: Scenario, seed: int, level: Information | None, destinations: int
+) -> tuple[dict[str, PlannerFactory], int | None]:
+    """Load models: their factories by name, and the only map that they can walk, if there is one."""
+    if not folders:
+        return {}, None
+    from sidestep.planners.learned import load_planners
+
+    learned = load_planners(folders, scenario, seed, level)
+    learned.check_destinations(draw_map(scenario, seed, learned.index or 0), destinations)
+    return dict(learned.factories), learned.index
+
+
+_KNOWN: dict[str, PlannerInfo] = {}
+_BUILT_IN: dict[str, PlannerInfo] = {}
+for _planner, _use in (
+    (RandomWalk, "The floor: one reading of the paper's random selection."),
+    (RandomProgress, "The other reading; what a walker without a plan may still do."),
+    (ShortestPath, "The reference of all savings: what most navigation does."),
+    (Expected, "The default of `route`: when no live counts are at hand."),
+    (Clairvoyant, "Never in practice: the bound that shows what is left to gain."),
+    (GreedyLocal, "When there is no map, only what is in sight."),
+    (GreedyMap, "When a map and usual crowds are known, and the walker can look ahead."),
+    (Snapshot, "When all counters report now, and crowds change slowly."),
+    (Forecast, "When all counters report now: the best without training."),
+):
+    _add(_planner, _use)
+for _info_of in (
+    _Learned(
+        "darp",
+        "any",
+        "Follow the Q-values that a dueling network learned.",
+        "When crowds are noisy and can be trained on.",
+    ),
+    _Learned(
+        "dqn",
+        "any",
+        "Follow Q-values learned without dueling heads, double Q-learning and priorities.",
+        "To see what these three are worth.",
+    ),
+    _Learned(
+        "tabular-q",
+        "position",
+        "Follow a table of Q-values, one for each exit.",
+        "As the simplest baseline that learns.",
+    ),
+):
+    _KNOWN[_info_of.name] = _info_of
+_BUILT_IN |= _KNOWN

@@ -1,9 +1,10 @@
-"""The shortest path by distance, which knows the map and no crowds (the paper's baseline)."""
+"""The shortest path by distance, for walkers that know the map but no crowds (the paper's baseline)."""
 
 from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -13,9 +14,10 @@ from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
 
 
 class ShortestPath:
-    """Walk the shortest way, however crowded; Dijkstra's algorithm, by SciPy.
+    """Walk the shortest path, however crowded it is.
 
-    The paper uses A*. Its result is the same, but on the paper's random lengths straight lines are no lower bound.
+    By SciPy's Dijkstra. The paper uses A*, which finds the same path; but on the paper's random lengths straight lines
+    are no lower bound, as its heuristic would have to be.
     """
 
     name: ClassVar[str] = "shortest-path"
@@ -34,11 +36,26 @@ class ShortestPath:
             )
             return np.eye(network.exits, dtype=bool)[ahead.argmin(axis=1)]
 
-        return Plan(None, per_walk(instances, best_exits))
+        return Plan(None, table_per_walk(instances, best_exits))
 
 
-def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> np.ndarray:
-    """Least total weight from every node to one; weight is per segment, infinity where there is no way."""
+def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> Float[np.ndarray, " node"]:
+    """Find the least total weight from every node to one.
+
+    Parameters
+    ----------
+    network
+        The streets.
+    weight
+        Weight of each segment.
+    destination
+        The node to go to.
+
+    Returns
+    -------
+    Float[np.ndarray, " node"]
+        Infinite where no path leads to the destination.
+    """
     # Backwards, row by row: as a list of (head, tail, weight) SciPy would add up parallel segments.
     tail, head = np.asarray(network.tail), np.asarray(network.head)
     order = np.argsort(head, kind="stable")
@@ -48,7 +65,7 @@ def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> 
     return distance
 
 
-def per_walk(instances: Instance, table_for: Callable[[int], np.ndarray]) -> np.ndarray:
-    """A table per walk from one per destination, each worked out once."""
+def table_per_walk(instances: Instance, table_for: Callable[[int], np.ndarray]) -> Bool[np.ndarray, "walk node exit"]:
+    """Give each walk the table of its destination; walks to the same destination share the work, not the memory."""
     destinations, which = np.unique(np.asarray(instances.destination), return_inverse=True)
     return np.stack([table_for(int(destination)) for destination in destinations])[which]

@@ -1,8 +1,8 @@
-"""Time-dependent search: the fastest way, or the cheapest, through crowds that are known to change.
+"""Time-dependent search: the path of least time, or of least cost, through crowds that are known to change.
 
 Under the integrated crossing rule nobody who enters a segment later leaves it earlier (FIFO), so earliest arrivals
-obey Bellman's equation and label-correcting finds the exact optimum. Under the paper's ``entry`` rule they do not:
-what is found then is the best of the walks that reach every crossing as early as possible, and no bound.
+obey Bellman's equation, and label correcting finds the exact optimum. The paper's ``entry`` rule breaks FIFO: the
+search then finds the best of the walks that reach every crossing as early as possible, which is no bound.
 """
 
 import math
@@ -22,8 +22,14 @@ from sidestep.walking.crossing_time import CrossingRule, leaving_clock
 from sidestep.walking.speed_field import SpeedField, Speeds
 from sidestep.walking.waits import Wait
 
-FEWEST, SMALLEST = 8, 4  # nodes that are gone on from at a time, and in a group
-Leave = Callable[[Int[Array, ""], Float[Array, ""]], Float[Array, ""]]  # segment, clock at its beginning -> at its end
+LEAST_GROUPS = 8
+"""Least number of groups of nodes that one turn of the search expands a node of."""
+
+LEAST_GROUP_SIZE = 4
+"""Least number of nodes in a group."""
+
+Leave = Callable[[Int[Array, ""], Float[Array, ""]], Float[Array, ""]]
+"""The clock at which a segment is left, given the segment and the clock at which its tail is reached."""
 
 
 def earliest_arrivals(
@@ -33,16 +39,36 @@ def earliest_arrivals(
     departure: Float[Array, ""],
     rule: CrossingRule = "integrated",
 ) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
-    """Earliest clock at which every node can be reached, and the segment over which it is.
+    """Find the earliest clock at which every node can be reached.
 
-    Unreachable nodes get infinity and segment -1.
+    Parameters
+    ----------
+    network
+        The streets.
+    field
+        Speeds on them.
+    origin, departure
+        Where the walk begins, and at which clock.
+    rule
+        How crossing times follow from speeds.
+
+    Returns
+    -------
+    arrival : Float[Array, " node"]
+        Infinite at nodes that nobody can reach.
+    via : Int[Array, " node"]
+        The last segment of the path to each node; -1 at the origin and at nodes that nobody can reach.
+
+    References
+    ----------
+    K. L. Cooke and E. Halsey, The shortest route through a network with time-dependent internodal transit times (1966).
     """
     only = SpeedField(field.speed[None], field.covered[None], field.slot_seconds)
-    leave = _through(network, only, jnp.int32(0), rule, lambda _segment, clock: jnp.zeros_like(clock))
+    leave = _leaving(network, only, jnp.int32(0), rule, lambda _segment, clock: jnp.zeros_like(clock))
     return _arrivals(network, leave, origin, departure)
 
 
-def _through(network: RoadNetwork, speeds: Speeds, future: Int[Array, ""], rule: CrossingRule, wait: Wait) -> Leave:
+def _leaving(network: RoadNetwork, speeds: Speeds, future: Int[Array, ""], rule: CrossingRule, wait: Wait) -> Leave:
     def leave(segment: Int[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
         entered = clock + wait(segment, clock)
         return leaving_clock(speeds, future, segment, network.length[segment], entered, rule)
@@ -57,17 +83,18 @@ def _arrivals(
     departure: Float[Array, ""],
     destination: Int[Array, ""] | None = None,
 ) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
-    """Earliest clocks and the segments that lead there; with a ``destination``, of all that is reached before it.
+    """Earliest clocks and last segments; with a ``destination``, only of nodes that are reached before it.
 
-    Label-correcting: again and again from a few nodes that were reached earliest and not gone on from since. Hardly
-    any has to be gone on from twice, only segments that somebody comes to are worked out, and nobody goes on who is no
-    earlier than the destination is reached already: whatever they improved would be later still.
+    Label correcting: each turn expands a few of the nodes that are due, the earliest first. So hardly any node is
+    expanded twice, and crossing times are computed only for segments that somebody reaches. Nodes that are no earlier
+    than the destination are never expanded: all that they could improve is later still.
 
-    Nodes stand in groups, of which the earliest is known: looking through all of them would take longer than the rest.
+    The earliest node that is due is known for each group of nodes; to look through all nodes would take longer than
+    the rest of the search.
     """
-    size = max(SMALLEST, math.isqrt(network.nodes) // 4)
+    size = max(LEAST_GROUP_SIZE, math.isqrt(network.nodes) // 4)
     groups = -(-network.nodes // size)
-    several, none = min(max(FEWEST, math.isqrt(network.nodes) // 3), groups), groups * size
+    several, none = min(max(LEAST_GROUPS, math.isqrt(network.nodes) // 3), groups), groups * size
 
     def limit(arrival: Float[Array, " node"]) -> Float[Array, ""]:
         return jnp.float32(jnp.inf) if destination is None else arrival[destination]
@@ -80,7 +107,7 @@ def _arrivals(
         node, others = group * size + first, jnp.arange(size) != first[:, None]
         due = due.at[group, first].set(jnp.inf)
         least = least.at[group].set(jnp.min(members, axis=1, where=others, initial=jnp.inf))
-        # Nobody can enter at infinity, so those who are not to go on are asked about clock 0 and then put back.
+        # Nobody enters at infinity, so nodes that are not expanded are computed at clock 0 and then ignored.
         goes = clock < limit(arrival)
         segment = network.exit_segment[node]
         there = jax.vmap(jax.vmap(leave, (0, None)))(segment, jnp.where(goes, clock, 0.0))
@@ -88,7 +115,7 @@ def _arrivals(
         segment, head = segment.reshape(-1), network.exit_node[node].reshape(-1)
         better = (there < arrival[head]) & (there < limit(arrival))
         arrival = arrival.at[jnp.where(better, head, none)].min(there, mode="drop")
-        # What is set at number `none`, which is beyond the last, is dropped.
+        # Number `none` lies beyond the last node, so what is set there is dropped.
         reached = jnp.where(better & (there == arrival[head]), head, none)
         via = via.at[reached].set(segment, mode="drop")
         due = due.at[reached // size, reached % size].set(there, mode="drop")
@@ -105,7 +132,7 @@ def _arrivals(
 
 
 def fastest_exits(network: RoadNetwork, leave: Leave, instance: Instance) -> Bool[Array, "node exit"]:
-    """The exits along the fastest way of one walk."""
+    """Mark the exits along the fastest path of one walk; none where no path leads to its destination."""
     _, via = _arrivals(network, leave, instance.origin, instance.departure, instance.destination)
 
     def back(carry: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -117,37 +144,61 @@ def fastest_exits(network: RoadNetwork, leave: Leave, instance: Instance) -> Boo
     return chosen[network.exit_segment] & network.valid
 
 
-STEP, FINE_STEP = 60.0, 15.0  # s; the latter where costs jump: at lights, and where a street becomes too dense
-LEAST_STEPS = 1_000  # of a plan, which may walk to and fro for a while
+STEP = 60.0
+"""Seconds between the clocks for which costs are tabulated."""
+
+FINE_STEP = 15.0
+"""The same where costs jump: at traffic lights, and where a street becomes too dense."""
+
+LEAST_STEPS = 1_000
+"""Least length of a plan: it may pay to walk to and fro for a while."""
 
 
 def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) -> Int[Array, " step"]:
-    """The exits, one after the other, of the walk that costs least by the environment's objective.
+    """Find the walk of least cost by the environment's objective.
 
-    Costs, unlike arrivals, obey no principle of the earliest: it may pay to arrive later, and even to walk to and fro
-    until a crowd is gone. So they are worked out backwards, for every ``STEP`` seconds, and taken to be linear in
-    between: exact but for that.
+    Earlier is not always better for costs, as it is for arrivals: it may pay to arrive later, and even to walk to and
+    fro until a crowd is gone. So costs are computed backwards in time, for every ``STEP`` seconds. They are linear in
+    between, which is the only error.
+
+    Parameters
+    ----------
+    params
+        The environment.
+    field
+        The crowd to walk through.
+    instance
+        One walk.
+
+    Returns
+    -------
+    Int[Array, " step"]
+        The exits, one after the other.
+
+    References
+    ----------
+    I. Chabini, Discrete dynamic shortest path problems in transportation applications (1998).
     """
     network, wait = params.network, params.wait_in(instance.future)
-    destination = jnp.arange(network.nodes) == instance.destination
+    at_destination = jnp.arange(network.nodes) == instance.destination
     jumps = params.waits.phases or params.objective.jumps
     every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
-    table = field_cost_to_go(params, field, wait, destination, every=every)
+    table = field_cost_to_go(params, field, wait, at_destination, every=every)
     longest = max(4 * network.nodes, LEAST_STEPS)
 
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        node, clock, way, steps = carry
+        node, clock, path, steps = carry
         onto, segment = network.exit_node[node], network.exit_segment[node]
         ahead = jax.vmap(lambda one: cross_at_speeds(params, field.segment(one), wait, one, clock))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
         best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
-        return onto[best], clock + ahead.seconds[best], way.at[steps].set(best), steps + 1
+        return onto[best], clock + ahead.seconds[best], path.at[steps].set(best), steps + 1
 
     start = (instance.origin, instance.departure, jnp.zeros(longest, jnp.int32), jnp.int32(0))
-    *_, way, _ = jax.lax.while_loop(
+    *_, path, _ = jax.lax.while_loop(
         lambda carry: (carry[0] != instance.destination) & (carry[3] < longest), onward, start
     )
-    return way
+    return path
 
 
 @jax.jit
@@ -156,7 +207,7 @@ def _plan(
 ) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
     def fastest(number: Int[Array, ""], instance: Instance) -> Bool[Array, "node exit"]:
         wait = params.wait_in(instance.future)
-        return fastest_exits(params.network, _through(params.network, speeds, number, params.rule, wait), instance)
+        return fastest_exits(params.network, _leaving(params.network, speeds, number, params.rule, wait), instance)
 
     def cheapest(walk: tuple[Int[Array, ""], Instance]) -> Int[Array, " step"]:
         return least_cost_path(params, speeds.of(walk[0]), walk[1])
@@ -169,14 +220,14 @@ def _plan(
 def keep_to_plan(
     shared: None, own: Bool[Array, "node exit"] | Int[Array, " step"], observation: Observation, key: Key[Array, ""]
 ) -> Int[Array, ""]:
-    """Take the exit that was planned for this crossing; where time is not all that counts, for this step."""
+    """Take the exit planned for this crossing or, in plans of least cost, for this step."""
     if own.ndim == 1:
         return own[jnp.minimum(observation.steps, own.shape[0] - 1)]
     return choose_allowed(shared, own, observation, key)
 
 
 class Expected:
-    """The fastest way, or the cheapest, if crowds were as expected: the best plan that is made beforehand and kept."""
+    """Keep to the path that is fastest through the expected crowds: the best plan that can be made beforehand."""
 
     name: ClassVar[str] = "expected"
     level: ClassVar[Level] = "map"
@@ -190,9 +241,9 @@ class Expected:
 
 
 class Clairvoyant:
-    """The fastest way, or the cheapest, through the crowds as they will be: the lower bound of everyone's time or cost.
+    """Walk the path that is fastest through the crowds that will come: the lower bound of every planner's time.
 
-    Of costs it is a bound up to the steps of :func:`cheapest_way`.
+    With an objective it is the path of least cost, a bound up to the time steps of :func:`least_cost_path`.
     """
 
     name: ClassVar[str] = "clairvoyant"

@@ -1,4 +1,4 @@
-"""A walk in words: which way to turn, onto which street, through how dense a crowd."""
+"""Routes in words: where to turn, onto which street, through how dense a crowd."""
 
 import math
 from collections.abc import Sequence
@@ -9,13 +9,18 @@ from jaxtyping import Float
 
 from sidestep.network.geodesy import EARTH_RADIUS
 
-SIGHT = 15.0  # m along a street from a crossing that tell in which direction it leads
-TURNS = ((20.0, "straight on"), (60.0, "bear"), (120.0, "turn"), (165.0, "sharp"), (math.inf, "turn round"))
-"""Up to how many degrees a turn is called what."""
+SIGHT = 15.0
+"""Metres along a street from a crossing over which its direction is taken."""
 
-# After Fruin's levels of service for walkways (1971): A is free, B and C are busy, D and E dense, F jammed.
+TURNS = ((20.0, "straight on"), (60.0, "bear"), (120.0, "turn"), (165.0, "sharp"), (math.inf, "turn round"))
+"""The word for a turn, by its largest angle in degrees."""
+
 CROWDING = ((0.31, "free"), (0.72, "busy"), (2.17, "dense"), (math.inf, "jammed"))
-"""Below how many persons/m² a street is called what."""
+"""The word for a density, by its upper limit in persons/m².
+
+Fruin's levels of service for walkways (J. J. Fruin, Pedestrian Planning and Design, 1971): A is free, B and C are busy,
+D and E dense, F jammed.
+"""
 
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 _KINDS = {
@@ -27,49 +32,71 @@ _KINDS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Leg:
-    """One street, or a part of it, from one crossing to the next."""
+    """One segment of a route, from one node to the next, if crowds are as expected."""
 
-    street: int
-    name: str  # "" where it has none
-    kind: str
+    segment: int
+    """Number of the segment; the pieces of split streets come after the segments of the town."""
+
     metres: float
+    """Length."""
+
     minutes: float
-    entered: float  # minutes after the departure
-    density: float  # persons/m² that are expected on it
-    exposure: float  # crowd met, person·s/m²
-    too_dense: bool  # whether it is entered above the maximum density
-    course: Float[np.ndarray, "point 2"]  # longitude and latitude in the direction of walking
+    """Time, with the wait before it."""
+
+    density: float
+    """Persons/m² as its middle is reached."""
+
+    exposure: float
+    """Crowd met, person·s/m²."""
+
+    too_dense: bool
+    """Whether it is entered above the objective's maximum density."""
+
+    street: int | None = None
+    """Number of the street in its town; None on grids."""
+
+    name: str | None = None
+    """Name of the street, empty where it has none; None on grids."""
+
+    kind: str | None = None
+    """The value of OpenStreetMap's key ``highway``; None on grids."""
+
+    coordinates: list[list[float]] | None = None
+    """Longitude and latitude, degrees, to about a centimetre; None on grids."""
 
     @property
     def label(self) -> str:
-        """What the street is called: its name, or its kind."""
-        return self.name or _KINDS.get(self.kind, self.kind.replace("_", " "))
+        """What people call the street: its name, or its kind."""
+        kind = self.kind or ""
+        return self.name or _KINDS.get(kind, kind.replace("_", " "))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Step:
-    """Streets of one name, one after the other."""
+    """Legs along streets of one name: one line of the directions."""
 
-    turn: str  # what to do where it begins
+    turn: str
+    """What to do where it begins."""
+
     street: str
-    legs: tuple[Leg, ...]
+    """What people call the street."""
 
-    @property
-    def metres(self) -> float:
-        """Length."""
-        return sum(leg.metres for leg in self.legs)
+    first_leg: int
+    """Number of its first leg, counted from 0."""
 
-    @property
-    def minutes(self) -> float:
-        """Time that is expected."""
-        return sum(leg.minutes for leg in self.legs)
+    metres: float
+    """Length."""
 
-    @property
-    def density(self) -> float:
-        """Persons/m² that are expected, averaged over the time on the way."""
-        return mean_density(self.legs)
+    minutes: float
+    """Expected time."""
+
+    density: float
+    """Expected persons/m², averaged over the time on the way."""
+
+    crowding: str
+    """A word for the density."""
 
 
 def mean_density(legs: Sequence[Leg]) -> float:
@@ -79,12 +106,12 @@ def mean_density(legs: Sequence[Leg]) -> float:
 
 
 def crowding_word(density: float) -> str:
-    """What a density in persons/m² is called (see ``CROWDING``)."""
+    """The word for a density in persons/m² (see ``CROWDING``)."""
     return next(word for limit, word in CROWDING if density < limit)
 
 
 def turn_word(before: float, after: float) -> str:
-    """What to do between two bearings, in degrees from north clockwise."""
+    """The word for a turn from one bearing to another, in degrees clockwise from north."""
     angle = (after - before + 180) % 360 - 180
     word = next(word for limit, word in TURNS if abs(angle) <= limit)
     if word in ("straight on", "turn round"):
@@ -99,9 +126,9 @@ def compass_word(bearing: float) -> str:
 
 
 def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
-    """Degrees from north in which a course of longitudes and latitudes begins, and in which it ends.
+    """Bearings, in degrees clockwise from north, in which a course of longitudes and latitudes begins and ends.
 
-    What counts is the direction over ``SIGHT`` metres: the last steps onto a crossing may lead anywhere.
+    They are taken over ``SIGHT`` metres, since the last steps onto a crossing may lead anywhere.
     """
     scale = np.radians(EARTH_RADIUS) * np.array([np.cos(np.radians(course[:, 1].mean())), 1.0])
     place = (course - course[0]) * scale
@@ -119,17 +146,34 @@ def _bearing(step: Float[np.ndarray, "2"]) -> float:
 
 def directions(legs: Sequence[Leg]) -> list[Step]:
     """Turn by turn: streets of one name are joined, and unnamed ones of one kind where they lead straight on."""
-    steps: list[Step] = []
+    groups: list[tuple[str, int, list[Leg]]] = []
     ended = 0.0
-    for leg in legs:
-        begins, ends = bearings(leg.course)
-        turn = turn_word(ended, begins) if steps else f"head {compass_word(begins)}"
-        last = steps[-1] if steps else None
-        # "Footway" is no name: two of them that meet in a corner are not the same.
-        same = last is not None and last.street == leg.label and bool(last.legs[-1].name) == bool(leg.name)
-        if last is not None and same and (turn == "straight on" or (leg.name and turn != "turn round")):
-            steps[-1] = Step(last.turn, last.street, (*last.legs, leg))
+    for number, leg in enumerate(legs):
+        begins, ends = bearings(np.array(leg.coordinates))
+        turn = turn_word(ended, begins) if groups else f"head {compass_word(begins)}"
+        if groups and _joins(legs[number - 1], leg, turn):
+            groups[-1][2].append(leg)
         else:
-            steps.append(Step(turn, leg.label, (leg,)))
+            groups.append((turn, number, [leg]))
         ended = ends
-    return steps
+    return [_step(*group) for group in groups]
+
+
+def _joins(before: Leg, after: Leg, turn: str) -> bool:
+    """Whether walkers would say that they are still on the same street."""
+    # "Footway" is no name: two of them that meet in a corner are not the same.
+    same = before.label == after.label and bool(before.name) == bool(after.name)
+    return same and (turn == "straight on" or (bool(after.name) and turn != "turn round"))
+
+
+def _step(turn: str, first_leg: int, legs: list[Leg]) -> Step:
+    density = mean_density(legs)
+    return Step(
+        turn=turn,
+        street=legs[0].label,
+        first_leg=first_leg,
+        metres=sum(leg.metres for leg in legs),
+        minutes=sum(leg.minutes for leg in legs),
+        density=density,
+        crowding=crowding_word(density),
+    )

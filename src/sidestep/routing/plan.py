@@ -1,210 +1,358 @@
-"""A walk through a real place, street by street, and what other planners would have taken."""
+"""A planned route, and what it looks like as JSON, text, GeoJSON and GPX."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
+from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Float
 
-from sidestep.environment.crossing import as_expected, cross
-from sidestep.environment.rollout import Walk
-from sidestep.environment.types import EnvParams, Instance
-from sidestep.evaluation.metrics import totals_of
-from sidestep.network.snapping import SplitStreets
-from sidestep.planners.base import Plan, Planner, Route, walk_plan
-from sidestep.planners.reactive import Snapshot
-from sidestep.planners.shortest_path import ShortestPath
-from sidestep.routing.directions import Leg
-from sidestep.routing.grid_plan import RouteError, whole_route
-from sidestep.routing.request import Trip
-from sidestep.scenarios.futures import make_environment, see_counts
-from sidestep.scenarios.maps import purpose_key
-from sidestep.scenarios.model import Scenario
+from sidestep.environment.types import Level
+from sidestep.network.geodesy import metres_between
+from sidestep.network.town import Town
+from sidestep.routing.directions import Leg, Step
+from sidestep.routing.formats import Waypoint, feature, gpx, table
+from sidestep.routing.request import NO_COORDINATES, RouteError
+from sidestep.scenarios.objectives import objective_in_words
 
-FUTURES, LIVE_FUTURES = 200, 20  # by default; forecasts from the counts of every slot of every future take long
+_OF_WHOLE = ("origin", "destination", "legs", "nodes", "minutes", "attribution", "crowds", "synthetic")
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a route begins or ends."""
+
+    node: int
+    """Number of the node; on split streets one beyond those of the town."""
+
+    asked: str
+    """What was asked for, for people."""
+
+    latitude: float | None = None
+    """Degrees, on the street; None on grids."""
+
+    longitude: float | None = None
+    """Degrees, on the street; None on grids."""
+
+    metres_away: float = 0.0
+    """Between the place that was asked for and the one on the street."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequestFacts:
+    """What is known of a request before a route is planned."""
+
+    scenario: str
+    """Name of the scenario."""
+
+    objective: dict[str, float | None] | None
+    """Weights of the objective; None: time alone."""
+
+    origin: End
+    destination: End
+
+    departure: str | None = None
+    """Local time, ISO 8601; None where no day was given."""
+
+    departure_minutes: float = 0.0
+    """Minutes after the scenario's start; a scenario in a town starts with the departure."""
+
+    departs: str
+    """The departure for people."""
+
+    hour_of_week: float | None = None
+    """Of the departure, 0 is Monday 0:00; None where crowds do not depend on it."""
+
+    by_minutes: float | None
+    """The minutes that were asked about."""
+
+    sensors: int | None = None
+    """Number of sensors; None where crowds are not known from sensors."""
+
+    counted_sensors: int | None = None
+    """Number of sensors with current counts; None where no counts were given."""
+
+    attribution: str
+    """Source and licence of the streets."""
+
+    crowds: str
+    """Source of the crowds."""
+
+    expected_crowds: str
+    """The crowds that are expected, after "Crowds are …"."""
+
+    synthetic: str
+    """What is invented, and by how much; empty where nothing is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkTimes:
+    """The times of one planner's walks through simulated futures."""
+
+    level: Level
+    """What the planner knows."""
+
+    futures: int
+    """Number of simulated futures."""
+
+    median_minutes: float
+    """Median of the times; a walk that does not arrive counts as the horizon."""
+
+    p90_minutes: float
+    """Their 90 % quantile."""
+
+    arrival_rate: float
+    """Share of the walks that arrive."""
+
+    def in_words(self) -> str:
+        """For people."""
+        return (
+            f"median {self.median_minutes:.1f} min, 90 % within {self.p90_minutes:.1f} min, "
+            f"{100 * self.arrival_rate:.1f} % arrive"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaselineTimes(WalkTimes):
+    """Another planner in the same futures, or in the first of them."""
+
+    mean_difference_minutes: float
+    """Above zero where it takes longer than the plan."""
+
+    mean_difference_exposure: float | None
+    """Above zero where it meets more people, person·s/m²; None where time is all that counts."""
 
 
 @dataclass(frozen=True, eq=False)
-class Others:
-    """What another planner takes in the first of the same futures."""
+class StreetMap:
+    """The streets around a route, for pictures."""
 
-    planner: Planner
-    minutes: Float[np.ndarray, " future"]
-    arrived: Bool[np.ndarray, " future"]
-    exposure: Float[np.ndarray, " future"] | None  # crowd met, person·s/m²; None where time is all that counts
+    town: Town
+
+    density: Float[np.ndarray, " street"]
+    """Persons/m² that are expected on every street at the departure; of both directions the larger."""
 
 
-@dataclass(frozen=True, eq=False)
-class Journey:
-    """A planned walk."""
+@dataclass(frozen=True, kw_only=True)
+class RoutePlan(RequestFacts, WalkTimes):
+    """A planned route: the walk if crowds are as expected, and its times in simulated futures.
 
-    trip: Trip
-    planner: Planner
-    route: Route  # if crowds are as expected
-    legs: tuple[Leg, ...]
-    minutes: Float[np.ndarray, " future"]
-    arrived: Bool[np.ndarray, " future"]
-    exposure: Float[np.ndarray, " future"] | None  # crowd met, person·s/m²; None where time is all that counts
-    others: Mapping[str, Others]
-    streets_density: Float[np.ndarray, " street"]  # persons/m² on every street that are expected at the departure
+    Fields that mean nothing on a grid, such as names of streets, are None there. The keys of :meth:`to_json` are the
+    fields, except ``streets``.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> grid = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
+    >>> plan = sidestep.plan_route(grid, sidestep.RouteRequest(origin=0, destination=8, futures=10))
+    >>> plan.nodes[0], plan.nodes[-1], len(plan.legs), plan.arrival_rate
+    (0, 8, 4, 1.0)
+    >>> print(plan.to_text().splitlines()[0])
+    expected (map), departing 0 min after the start, if crowds are as expected:
+    """
+
+    planner: str
+    """Name of the planner."""
+
+    nodes: list[int]
+    """Nodes along the route."""
+
+    minutes: list[float]
+    """Minutes after the departure at which each node is reached."""
+
+    legs: list[Leg]
+    """The segments between the nodes."""
+
+    steps: list[Step] | None
+    """Turn by turn; None on grids."""
+
+    metres: float
+    """Length of the route."""
+
+    expected_minutes: float
+    """Travel time if crowds are as expected."""
+
+    arrives: bool
+    """Whether that walk arrives."""
+
+    mean_density: float
+    """Persons/m², averaged over the time."""
+
+    crowding: str
+    """A word for the mean density."""
+
+    exposure: float
+    """Crowd met, person·s/m²."""
+
+    too_dense: int
+    """Number of segments entered above the objective's maximum density."""
+
+    arrive_by: float | None
+    """Share of the futures in which the walk arrives within these minutes."""
+
+    baselines: Mapping[str, BaselineTimes]
+    """The walks of other planners, by name."""
+
+    streets: StreetMap | None = field(compare=False, repr=False)
+    """For pictures; None on grids."""
 
     @property
-    def course(self) -> Float[np.ndarray, "point 2"]:
-        """Longitude and latitude of the whole route."""
-        return whole_course(self.legs)
+    def course(self) -> list[list[float]]:
+        """Longitude and latitude of the whole route, degrees; points at which two legs meet come once.
 
+        Raises
+        ------
+        RouteError
+            On grids, which have no coordinates (field ``format``).
+        """
+        courses = [leg.coordinates or [] for leg in self.legs]
+        points = [point for number, course in enumerate(courses) for point in course[number > 0 :]]
+        if not points:
+            raise RouteError(NO_COORDINATES, field="format")
+        return points
 
-def travel(trip: Trip, planner: Planner, futures: int | None = None) -> Journey:
-    """Plan a walk, take it through the expected crowds, and through simulated futures, beside two other planners.
+    @property
+    def sources(self) -> tuple[str, str]:
+        """Where the streets and the crowds come from, and what is invented of these."""
+        crowds = "; ".join(filter(None, (self.crowds, self.synthetic)))
+        return f"Streets: {self.attribution}", f"Crowds: {crowds}"
 
-    Parameters
-    ----------
-    futures
-        How many to simulate; by default ``FUTURES``, or ``LIVE_FUTURES`` for planners that see all counts, or one where
-        all are alike.
-    """
-    if futures is None:
-        futures = 1 if trip.certain else LIVE_FUTURES if planner.observes == "live" else FUTURES
-    if futures < 1:
-        raise RouteError(f"there must be at least one future, not {futures}")
-    scenario = trip.scenario.changed(departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
-    destinations = np.array([[trip.destination.node]])
-    hours = None if trip.departure.hour is None else [trip.departure.hour]
-    params = make_environment(
-        scenario, trip.place, "test", futures, level="map", destinations=destinations, hours=hours, densities=True
-    )
-    futures = params.futures.count  # one, where the forecast comes true
-    density = np.asarray(params.expected.of(jnp.int32(0)).known_density)
-    world = _World(scenario, trip, params, purpose_key(trip.place, "test"))
-    route = world.expected_route(planner)
-    walked = world.walk(planner, futures, route.seconds)
-    baselines: list[tuple[Planner, int]] = [(ShortestPath(), futures), (Snapshot(), min(futures, LIVE_FUTURES))]
-    others = {
-        baseline.name: Others(baseline, *_results(world.walk(baseline, count, route.seconds)))
-        for baseline, count in baselines
-        if baseline.name != planner.name
-    }
-    return Journey(
-        trip,
-        planner,
-        route,
-        _legs(trip.streets, params, density, route),
-        *_results(walked),
-        others,
-        _densest(trip.streets, density[:, 0]),
-    )
+    def to_json(self) -> dict[str, Any]:
+        """Everything but the map, ready for ``json.dumps``."""
+        found = asdict(replace(self, streets=None))
+        del found["streets"]
+        return found
 
+    def to_geojson(self) -> dict[str, Any]:
+        """A GeoJSON feature collection (RFC 7946): the whole route, its legs, and both ends.
 
-def _results(
-    walked: Walk,
-) -> tuple[Float[np.ndarray, " future"], Bool[np.ndarray, " future"], Float[np.ndarray, " future"] | None]:
-    totals = totals_of(walked)
-    return (
-        np.asarray(walked.seconds, np.float64) / 60,
-        np.asarray(walked.arrived),
-        None if totals is None else totals.exposure,
-    )
+        Raises
+        ------
+        RouteError
+            On grids, which have no coordinates (field ``format``).
+        """
+        course, found = self.course, self.to_json()
+        whole = {name: found.pop(name) for name in _OF_WHOLE}
+        legs = [
+            feature(
+                "LineString",
+                leg.coordinates or [],
+                part="leg",
+                street=leg.label,
+                metres=round(leg.metres, 2),
+                minutes=round(leg.minutes, 3),
+                density=round(leg.density, 4),
+            )
+            for leg in self.legs
+        ]
+        ends = [
+            feature("Point", [whole[part]["longitude"], whole[part]["latitude"]], part=part, asked=whole[part]["asked"])
+            for part in ("origin", "destination")
+        ]
+        return {
+            "type": "FeatureCollection",
+            **{name: whole[name] for name in ("attribution", "crowds", "synthetic")},
+            "features": [feature("LineString", course, part="route", **found), *legs, *ends],
+        }
 
+    def to_gpx(self) -> str:
+        """GPX 1.1: a route of the turns, and a track of the whole course.
 
-def _densest(streets: SplitStreets, density: Float[np.ndarray, " segment"]) -> Float[np.ndarray, " street"]:
-    """The densest of each street's pieces and directions; tables may tell directions apart."""
-    found = np.zeros(streets.town.streets, density.dtype)
-    np.maximum.at(found, streets.street, density)
-    return found
+        Times are local wall time without a zone, and left out where the departure has no day.
 
+        Raises
+        ------
+        RouteError
+            On grids, which have no coordinates (field ``format``).
+        """
+        course = self.course
+        about = (
+            f"{self.planner}, departing {self.departs}: {self.metres:,.0f} m, {self.expected_minutes:.1f} min "
+            "if crowds are as expected."
+        )
+        likely = "".join(f" {sentence}." for sentence in self._arrival())
+        zone = "" if self.departure is None else " Times are local wall time."
+        turns = [
+            Waypoint(
+                (self.legs[step.first_leg].coordinates or [])[0],
+                self.minutes[step.first_leg],
+                f"{step.turn}: {step.street}",
+                f"{step.metres:.0f} m, {step.minutes:.1f} min",
+            )
+            for step in self.steps or []
+        ]
+        return gpx(
+            name=f"{self.origin.asked} to {self.destination.asked}",
+            about=f"{about}{likely} {self.sources[1]}.{zone}",
+            attribution=self.attribution,
+            departure=None if self.departure is None else datetime.fromisoformat(self.departure),
+            turns=[*turns, Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end")],
+            track=[
+                Waypoint(place, entered + share * leg.minutes)
+                for number, (leg, entered) in enumerate(zip(self.legs, self.minutes, strict=False))
+                for place, share in _with_shares(leg.coordinates or [])[number > 0 :]
+            ],
+        )
 
-@dataclass(frozen=True, eq=False)
-class _World:
-    """The futures of one walk."""
+    def to_text(self) -> str:
+        """Directions and times for people."""
+        low = "" if self.objective is None else f", keeping low {objective_in_words(self.objective)}"
+        warning = f"{self.too_dense} of its streets are entered above the density that nobody should enter."
+        missed = "" if self.arrives else " without arriving"
+        length = f"{self.metres:,.0f} m, {self.expected_minutes:.1f} min{missed}"
+        crowds = f"{self.crowding}, {self.mean_density:.2f} persons/m², {self.exposure:,.0f} person·s/m² met"
+        lines = [
+            f"{self.planner} ({self.level}), departing {self.departs}{low}, if crowds are as expected:",
+            *(
+                f"{end.asked} is {end.metres_away:,.0f} m from the street"
+                for end in (self.origin, self.destination)
+                if end.metres_away >= 1
+            ),
+            "",
+            *self._table(),
+            "",
+            f"{length}; crowds on the way: {crowds}",
+            *([warning] if self.too_dense else []),
+            f"In {self.futures} simulated future{'s' * (self.futures > 1)}: {self.in_words()}",
+            *self._arrival(),
+            *(self._against(name, baseline) for name, baseline in self.baselines.items()),
+            "",
+            f"Crowds are {self.expected_crowds}.",
+            f"{'. '.join(self.sources)}.",
+        ]
+        return "\n".join(lines) + "\n"
 
-    scenario: Scenario
-    trip: Trip
-    params: EnvParams
-    key: Key[Array, ""]
+    def _arrival(self) -> list[str]:
+        """A sentence, if the request asked."""
+        if self.arrive_by is None:
+            return []
+        return [f"Arrives within {self.by_minutes:g} min with probability {self.arrive_by:.2f}"]
 
-    def expected_route(self, planner: Planner) -> Route:
-        once, alone = self._instances(1), as_expected(self.params)
-        if planner.observes != "live":
-            return whole_route(planner, alone, once, self.key)
-        slots = _FIRST_SLOTS
-        while True:
-            route = whole_route(planner, self._seen(planner, alone, slots), once, self.key)
-            if route.seconds <= slots * self.scenario.slot_seconds or slots >= self.scenario.slots:
-                return route
-            slots *= 2
+    def _table(self) -> list[str]:
+        """Turn by turn, or, where turns have no names, node by node."""
+        if self.steps is None:
+            reached = zip(self.nodes, self.minutes, strict=True)
+            return table((">node", ">minutes"), [(str(node), f"{minutes:.1f}") for node, minutes in reached])
+        rows = [
+            (s.turn, s.street, f"{s.metres:,.0f}", f"{s.minutes:.1f}", s.crowding, f"{s.density:.2f}")
+            for s in self.steps
+        ]
+        end = [("arrive", "", "", "", "", "")] if self.arrives else []
+        return table(("", "street", ">metres", ">minutes", "crowds", ">persons/m²"), [*rows, *end])
 
-    def walk(self, planner: Planner, futures: int, seconds: float) -> Walk:
-        """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        params = replace(self.params, futures=self.params.futures.first(futures))
-        todo = self._instances(futures)
-        if planner.observes != "live":
-            return walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
-        slots = _FIRST_SLOTS
-        while slots * self.scenario.slot_seconds < 1.2 * seconds:
-            slots *= 2
-        while True:
-            seen = self._seen(planner, params, slots)
-            walked = walk_plan(planner, seen, planner.plan(seen, todo), todo, self.key)
-            if walked.seconds.max() <= slots * self.scenario.slot_seconds or slots >= self.scenario.slots:
-                return walked
-            slots *= 2
-
-    def _seen(self, planner: Planner, params: EnvParams, slots: int) -> EnvParams:
-        slots, forecasts = min(slots, self.scenario.slots), planner.name != Snapshot.name
-        return see_counts(self.scenario, self.trip.place.flow, params, slots, forecasts=forecasts)
-
-    def _plan(self, planner: Planner, params: EnvParams, todo: Instance) -> Plan:
-        """Only hindsight plans otherwise for another future."""
-        if planner.level == "hindsight":
-            return planner.plan(params, todo)
-        plan = planner.plan(params, self._instances(1))
-        count = todo.origin.shape[0]
-        own = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), count, axis=0), plan.own)
-        return eqx.tree_at(lambda plan: plan.own, plan, own)
-
-    def _instances(self, count: int) -> Instance:
-        return Instance(
-            origin=jnp.full(count, self.trip.origin.node, jnp.int32),
-            destination=jnp.full(count, self.trip.destination.node, jnp.int32),
-            departure=jnp.zeros(count, jnp.float32),
-            future=jnp.arange(count, dtype=jnp.int32),
+    def _against(self, name: str, baseline: BaselineTimes) -> str:
+        same = baseline.futures == self.futures
+        more, met = baseline.mean_difference_minutes, baseline.mean_difference_exposure
+        crowd = "" if met is None else f", {abs(met):,.0f} person·s/m² {'more' if met >= 0 else 'less'} met"
+        return (
+            f"{name} in {'the same futures' if same else f'the first {baseline.futures} of them'}: "
+            f"{baseline.in_words()}; on average {abs(more):.1f} min {'longer' if more >= 0 else 'shorter'}{crowd}"
         )
 
 
-_FIRST_SLOTS = 4  # for which counts are shown; doubled until everybody has arrived within them
-
-
-def _legs(
-    streets: SplitStreets, params: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route
-) -> tuple[Leg, ...]:
-    """The streets of a route through the expected crowds, which are so dense, in persons/m²."""
-    town, length, expected = streets.town, np.asarray(params.network.length), params.expected
-    alone = replace(as_expected(params), objective=params.objective.measured())
-
-    def one(segment: int, before: float, after: float) -> Leg:
-        crossed = cross(alone, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
-        slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
-        street = int(streets.street[segment])
-        return Leg(
-            street,
-            town.name[street],
-            town.kind[street],
-            metres=float(length[segment]),
-            minutes=(after - before) / 60,
-            entered=(before - route.clocks[0]) / 60,
-            density=float(density[segment, slot]),
-            exposure=float(crossed.measures["exposure"]),
-            too_dense=bool(crossed.measures["too_dense"]),
-            course=streets.course(segment),
-        )
-
-    steps = zip(route.segments, route.clocks, route.clocks[1:], strict=False)
-    return tuple(one(*step) for step in steps)
-
-
-def whole_course(legs: tuple[Leg, ...]) -> Float[np.ndarray, "point 2"]:
-    """Longitude and latitude along all legs; points at which two of them meet come once."""
-    return np.concatenate([legs[0].course[:1], *(leg.course[1:] for leg in legs)])
+def _with_shares(course: list[list[float]]) -> list[tuple[list[float], float]]:
+    """Points of a course, each with the share of the length that lies before it."""
+    points = np.array(course)
+    along = np.append(0.0, metres_between(points[:-1], points[1:]).cumsum())
+    return list(zip(course, (along / max(float(along[-1]), 1e-12)).tolist(), strict=True))

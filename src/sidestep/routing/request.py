@@ -1,247 +1,127 @@
-"""A walk that is asked for: where it begins and ends on the streets, when, and through which crowds."""
+"""What is asked for: from where to where, when, and by which planner; and how people write that."""
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import MAXYEAR, datetime
+from datetime import datetime
+from pathlib import Path
 
-import numpy as np
-
-from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
-from sidestep.crowds.profile import time_of_week
-from sidestep.crowds.table import TableFlow
-from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
-from sidestep.network.town import Town
-from sidestep.planners.shortest_path import distances_to
-from sidestep.routing.grid_plan import RouteError
-from sidestep.scenarios.build import town_of
-from sidestep.scenarios.maps import ScenarioMap, with_live_counts
-from sidestep.scenarios.model import Scenario
-from sidestep.scenarios.places import Place
-from sidestep.scenarios.values import DAYS
+from sidestep.errors import SidestepError
+from sidestep.planners.base import Planner
 
-_PLACE = re.compile(r"\s*([-+]?[\d.]+)\s*,\s*([-+]?[\d.]+)\s*", re.ASCII)
+Place = int | tuple[float, float]
+"""A node, by its number; or, in towns, latitude and longitude in degrees."""
+
+NO_COORDINATES = "a grid has no coordinates; choose text or json, or a scenario with real streets, such as helsinki"
+_NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
+_PLACE = re.compile(f"{_NUMBER},{_NUMBER}", re.ASCII)
+_NODE = re.compile(r"\s*[-+]?\d{1,18}\s*", re.ASCII)
+
+
+class RouteError(SidestepError):
+    """A route that nobody can plan. ``field`` names the field of the request at fault."""
+
+
+@contextmanager
+def at_fault(field: str) -> Iterator[None]:
+    """Let errors of other modules name the field of the request that they concern."""
+    try:
+        yield
+    except SidestepError as error:
+        error.field = field
+        raise
 
 
 @dataclass(frozen=True)
-class Departure:
-    """When somebody sets out. Usual crowds depend on the hour of the week alone, or on no time at all."""
-
-    hour: float | None  # of the week, 0 is Monday 0:00; None: with the first slot of crowds that know no time
-    time: datetime | None = None  # local wall time, where a day was given
-
-    @property
-    def text(self) -> str:
-        """Day of the week, date and time."""
-        if self.time is not None:
-            return f"{DAYS[self.time.weekday()]} {self.time:%Y-%m-%d %H:%M}"
-        return "as the table begins" if self.hour is None else _day_and_time(self.hour)
-
-
-def _day_and_time(hour: float) -> str:
-    """Of an hour of the week."""
-    day, minute = divmod(round(60 * hour), 24 * 60)
-    return f"{DAYS[day % 7]} {minute // 60:02}:{minute % 60:02}"
-
-
-@dataclass(frozen=True)
-class End:
-    """Where a walk begins or ends."""
-
-    node: int  # of the split streets
-    place: tuple[float, float]  # latitude and longitude on the street
-    asked: tuple[float, float] | None = None  # where it was asked for; None where a crossing was
-    away: float = 0.0  # m between the two
-
-    @property
-    def text(self) -> str:
-        """What was asked for."""
-        return f"crossing {self.node}" if self.asked is None else f"{self.asked[0]:.5f},{self.asked[1]:.5f}"
-
-
-@dataclass(frozen=True)
-class Trip:
-    """A walk that is to be planned."""
-
-    scenario: Scenario
-    venue: Place
-    streets: SplitStreets
-    place: ScenarioMap  # at the hour of the departure
-    origin: End
-    destination: End
-    departure: Departure
-    counted: int | None  # sensors whose current counts are known; None where none were given
-
-    @property
-    def crowds(self) -> str:
-        """Where the crowds come from."""
-        return "; ".join(filter(None, (self.venue.attribution, self.venue.synthetic)))
-
-    @property
-    def certain(self) -> bool:
-        """Whether all futures are alike: crowds come exactly as in a table, and nobody waits at lights."""
-        return self.venue.certain
-
-    @property
-    def splits(self) -> bool:
-        """Whether it begins or ends in the middle of a street."""
-        return self.streets.network.nodes > self.streets.town.nodes
-
-
-def read_place(option: str, text: str) -> int | tuple[float, float]:
-    """A node, or latitude and longitude in degrees, as people write them.
+class RouteRequest:
+    """A route that is asked for.
 
     Raises
     ------
     RouteError
-        What is neither.
+        Minutes that are not positive (field ``by``), or less than one future (``futures``).
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> request = sidestep.RouteRequest((60.1719, 24.9414), (60.1640, 24.9480), planner="snapshot", by=20)
+    >>> request.origin
+    (60.1719, 24.9414)
     """
-    if re.fullmatch(r"\s*[-+]?\d{1,18}\s*", text, re.ASCII):
-        return int(text)
-    found = _PLACE.fullmatch(text)
-    try:
-        if found:
-            return float(found[1]), float(found[2])
-    except ValueError:
-        pass
-    raise RouteError(f"{option} must be a node or LAT,LON such as 60.1699,24.9384, not {text!r:.60}")
+
+    origin: Place | None = None
+    """Where the route begins: a node, or latitude and longitude in degrees; by default the first node."""
+
+    destination: Place | None = None
+    """Where it ends; by default the last node."""
+
+    depart: datetime | float | None = None
+    """Departure: local wall time in towns, minutes after the scenario's start on grids. By default the first hour at
+    which people usually set out, or the start."""
+
+    planner: str | Planner | None = None
+    """Who plans, by name or as an object; by default ``darp`` where a model was loaded, otherwise ``expected``."""
+
+    by: float | None = None
+    """Minutes after the departure; the plan then says how likely the walk arrives within them."""
+
+    futures: int | None = None
+    """How many futures to simulate; by default as many as give stable quantiles in a few seconds."""
+
+    live: CountTable | Path | str | None = None
+    """Current counts, or the CSV file that has them, from which crowds go on; in towns with counters."""
+
+    def __post_init__(self) -> None:
+        if self.by is not None and not (math.isfinite(self.by) and self.by > 0):
+            raise RouteError(f"by must be a positive number of minutes, not {self.by:g}", field="by")
+        if self.futures is not None and self.futures < 1:
+            raise RouteError(f"futures must be at least 1, not {self.futures}", field="futures")
 
 
-def read_node(option: str, text: str) -> int:
-    """A node of a grid.
-
-    Raises
-    ------
-    RouteError
-        What is none.
-    """
-    place = read_place(option, text)
-    if isinstance(place, int):
-        return place
-    raise RouteError(f"{option} must be a node, not {text}: a grid has no latitudes and longitudes")
-
-
-def read_minutes(text: str) -> float:
-    """Minutes after the start of a scenario.
-
-    Raises
-    ------
-    RouteError
-        What is no number.
-    """
-    try:
-        minutes = float(text)
-    except ValueError:
-        minutes = math.nan
-    if not math.isfinite(minutes):
-        raise RouteError(f"--depart must be a number of minutes, not {text!s:.60}")
-    return minutes
-
-
-def read_departure(text: str | None, venue: Place, *, timed: bool = True) -> Departure:
-    """Local wall time in ISO 8601; by default the first hour at which people usually set out.
-
-    Crowds that are not ``timed`` know no hours: walks begin with their first slot, and no time can be asked for.
-
-    Raises
-    ------
-    RouteError
-        What is no such time, and times with a zone or an offset, which the counts do not have; any time where crowds
-        know none.
-    """
-    if not timed:
-        if text is None:
-            return Departure(None)
-        raise RouteError(
-            f"{venue.attribution} has slots without times, so all walks set out as it begins; leave out --depart"
-        )
-    if text is None:
-        return Departure(venue.departure_hours(1)[0])
-    try:
-        time = datetime.fromisoformat(text.strip())
-    except ValueError:
-        time = None
-    if time is None or len(text.strip()) <= len("2025-05-24") or time.year == MAXYEAR:
-        raise RouteError(f"--depart must be a local time such as 2025-05-24T12:30, not {text!r:.60}")
-    if time.tzinfo is not None:
-        raise RouteError(
-            f"--depart must be local wall time without zone or offset, such as 2025-05-24T12:30, not {text}"
-        )
-    return Departure(time_of_week(time), time)
-
-
-def prepare(
-    scenario: Scenario,
-    place: ScenarioMap,
-    origin: int | tuple[float, float],
-    destination: int | tuple[float, float],
-    departure: Departure,
-    counts: CountTable | None = None,
-) -> Trip:
-    """Find both ends on the streets, and the crowds at the hour of the departure.
-
-    A place in the middle of a street splits it, so that it can be left by either end, and entered by either.
+def read_place(field: str, given: str | Place | None) -> Place | None:
+    """A node, or latitude and longitude in degrees; text as people write them, such as ``60.1699,24.9384``.
 
     Parameters
     ----------
-    scenario, place
-        Of a venue, and its only map.
-    origin, destination
-        Nodes, or latitude and longitude in degrees.
-    counts
-        Current counts, from which crowds go on.
+    field
+        For errors: ``origin`` or ``destination``.
 
     Raises
     ------
-    SidestepError
-        Nodes that there are not, places outside the town, no way between them, a departure about which a table says
-        nothing, counts of another place or time, or where crowds come from a table.
+    RouteError
+        Other text.
     """
-    venue = scenario.place
-    if not venue.streets:
-        raise RouteError(f"{scenario.name} is no real place; give nodes and minutes")
-    town = town_of(venue.streets)
-    snap = Snapper(town)
-    found = [_find(town, snap, "origin", origin), _find(town, snap, "destination", destination)]
-    streets = split_streets(town, found)
-    ends = (_end(town, streets.nodes[0], found[0], origin), _end(town, streets.nodes[1], found[1], destination))
-    if streets.nodes[0] == streets.nodes[1]:
-        raise RouteError(f"{ends[0].text} and {ends[1].text} are the same place on these streets: no way to walk")
-    network = streets.network
-    if not math.isfinite(distances_to(network, np.asarray(network.length), streets.nodes[1])[streets.nodes[0]]):
-        raise RouteError(f"no way leads from {ends[0].text} to {ends[1].text}; streets may be one-way or apart")
-    here, counted = place.on_pieces(streets), None
-    if departure.hour is not None:
-        _check_covered(place.flow, departure.hour, departure.text, venue)
-    if counts is not None:
-        if not here.sensors:
-            raise RouteError(f"--live takes counts of sensors, but the crowds of {scenario.name} come from a table")
-        if departure.time is None:
-            raise RouteError("current counts need a departure with its day, such as --depart 2025-05-24T12:30")
-        here, counted = with_live_counts(here, counts, departure.time)
-    return Trip(scenario, venue, streets, here, *ends, departure, counted)
+    if not isinstance(given, str):
+        return given
+    if _NODE.fullmatch(given):
+        return int(given)
+    if found := _PLACE.fullmatch(given):
+        return float(found[1]), float(found[2])
+    raise RouteError(
+        f"the {field} must be a node or LAT,LON such as 60.1699,24.9384, not {given.strip()!r:.60}", field=field
+    )
 
 
-def _check_covered(flow: FlowModel, hour: float, said: str, venue: Place) -> None:
-    """Refuse hours of the week about which a table says nothing."""
-    if isinstance(flow, TableFlow) and flow.begins is not None and not flow.covers(hour):
-        raise RouteError(
-            f"{venue.attribution} covers {flow.span / 3600:g} hours from {_day_and_time(flow.begins)} on, "
-            f"but the departure is {said}"
-        )
+def read_departure(given: str | datetime | float | None) -> datetime | float | None:
+    """A local time, or minutes after the start; text such as ``2025-05-24T12:30`` or ``30``.
 
-
-def _find(town: Town, snap: Snapper, name: str, place: int | tuple[float, float]) -> int | StreetPoint:
-    if not isinstance(place, int):
-        return snap.nearest(*place)
-    if not 0 <= place < town.nodes:
-        raise RouteError(f"there is no node {place} to be the {name}; nodes are numbered 0 to {town.nodes - 1}")
-    return place
-
-
-def _end(town: Town, node: int, found: int | StreetPoint, asked: int | tuple[float, float]) -> End:
-    if isinstance(found, int) or isinstance(asked, int):
-        longitude, latitude = town.place[node].tolist()
-        return End(node, (latitude, longitude))
-    return End(node, found.place, asked, found.distance)
+    Raises
+    ------
+    RouteError
+        Other text.
+    """
+    if not isinstance(given, str):
+        return given
+    text = given.strip()
+    with suppress(ValueError):
+        return float(text)
+    with suppress(ValueError):
+        if len(text) > len("2025-05-24"):
+            return datetime.fromisoformat(text)
+    raise RouteError(
+        f"the departure must be a local time such as 2025-05-24T12:30, or minutes on a grid, not {given!r:.60}",
+        field="depart",
+    )

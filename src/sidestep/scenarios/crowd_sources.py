@@ -15,7 +15,8 @@ from sidestep.crowds.counts import CountTable, load_auckland, read_counts
 from sidestep.crowds.crowd_table import CrowdTable as TableData
 from sidestep.crowds.crowd_table import load_crowd_table
 from sidestep.crowds.interpolation import interpolation_weights
-from sidestep.crowds.sensors import SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
+from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_sensors, recorded_weeks
+from sidestep.crowds.sensors import SensorFlow
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import Snapper

@@ -1,11 +1,9 @@
 """Maps of a scenario, drawn from a seed: streets, and the crowds expected on them."""
 
-import difflib
 import hashlib
-import reprlib
 from dataclasses import replace
 from datetime import datetime
-from typing import Literal, Self, get_args
+from typing import Literal, get_args
 
 import equinox as eqx
 import jax
@@ -15,9 +13,7 @@ from jaxtyping import Array, Key
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
-from sidestep.crowds.live import CurrentCounts
-from sidestep.crowds.profile import hour_of_week
-from sidestep.crowds.sensors import SensorFlow
+from sidestep.crowds.live import latest_counts
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import SplitStreets
 from sidestep.scenarios.build import venue_parts
@@ -57,7 +53,7 @@ class ScenarioMap(eqx.Module):
         """The crowds that walks of one purpose meet."""
         return self.test_flow if purpose == "test" else self.flow
 
-    def on_pieces(self, streets: SplitStreets) -> Self:
+    def on_pieces(self, streets: SplitStreets) -> "ScenarioMap":
         """The same map with some streets split and crowds as dense on all their pieces, for walks from anywhere.
 
         Futures for tests are simulated: there are only as many recorded weeks as were counted, and none goes on from
@@ -192,31 +188,12 @@ def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: da
 
     Raises
     ------
-    ScenarioError
+    CountsError
         Crowds that are not known from sensors; sensors that the place does not have, counts of another hour than that
         of the departure or the one before it, no count at all.
     """
-    if not isinstance(scenario_map.flow, SensorFlow):
-        raise ScenarioError("current counts are those of sensors, but the crowds come from a table")
     names = list(dict.fromkeys(scenario_map.sensors))
-    for name in table.sensors:
-        if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(map(repr, names))}"
-            raise ScenarioError(f"{table.source}: no sensor {reprlib.repr(name)} in this place; {hint}")
-    counted, leaves = table.times[-1], np.datetime64(departure, "h")
-    if counted not in (leaves, leaves - 1):
-        raise ScenarioError(
-            f"{table.source}: the last counts are of the hour from {counted}:00, but the departure is "
-            f"{departure.isoformat(timespec='minutes')}; they must be of the hour of the departure or the one before"
-        )
-    last = {name: table.series(name)[-1] for name in table.sensors}
-    known = int(np.isfinite(list(last.values())).sum())
-    if not known:
-        raise ScenarioError(f"{table.source}: nothing was counted in the last hour, from {counted}:00")
-    logs = np.log1p(np.array([last.get(name, np.nan) for name in scenario_map.sensors]))
-    residual = logs - np.asarray(scenario_map.flow.model.expected)[hour_of_week(table.times[-1:])[0]]
-    since = (np.datetime64(departure, "s") - counted.astype("datetime64[s]")).astype(float) / 3600 - 0.5
-    counts = CurrentCounts(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
-    flow = replace(scenario_map.flow, current=counts, record=None)
-    return replace(scenario_map, flow=flow, test_flow=flow), known
+    latest = latest_counts(table, names, departure)
+    counts = latest.counts[[names.index(name) for name in scenario_map.sensors]]
+    flow = scenario_map.flow.going_on_from(replace(latest, counts=counts))
+    return replace(scenario_map, flow=flow, test_flow=flow), latest.known

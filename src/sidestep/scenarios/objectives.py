@@ -41,3 +41,11 @@ def read_objective(text: str) -> ObjectiveSpec:
         except ValueError as error:
             raise ScenarioError(f"objective: {name} must be a number, not {value!r:.40}", field=name) from error
     return ObjectiveSpec().changed(**weights)
+
+
+def objective_in_words(objective: dict[str, float | None]) -> str:
+    """An objective's weights, by name, for people."""
+    units = {"time": "s", "distance": "m", "exposure": "person·s/m² met"}
+    terms = [f"{weight:g} x {units[name]}" for name, weight in objective.items() if name in units and weight]
+    most = objective["max_density"]
+    return " + ".join(terms) + ("" if most is None else f", avoiding streets above {most:g} persons/m²")

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from sidestep.crowds.crowd_table import MOST_CELLS, CrowdTable, read_table
+from sidestep.crowds.crowd_table import MOST_CELLS, CrowdTable
 from sidestep.crowds.profile import time_of_week
-from sidestep.crowds.table import TableFlow
+from sidestep.crowds.table_flow import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
 from sidestep.scenarios.places import Venue
@@ -81,6 +81,8 @@ def import_table(
     TableError
         A file that cannot be read or breaks a rule.
     """
+    from sidestep.crowds.table_reader import read_table  # with pandas, which other commands need not load
+
     table, network = read_table(path, town, slot_seconds), town.network()
     # Only of what is mentioned: most towns are larger than their tables, and elsewhere is nobody.
     volume, slower = _volumes(table, network, law)

@@ -1,0 +1,83 @@
+"""What an agent is trained on: an environment, its walks, and how futures are renewed from round to round."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from concurrent.futures import Executor
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from sidestep.agent.config import TrainConfig
+from sidestep.environment.types import EnvParams, Instance
+from sidestep.scenarios.episodes import InstanceSampler, destinations_of, instances, sampler
+from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
+from sidestep.scenarios.maps import ScenarioMap
+from sidestep.scenarios.model import Scenario
+
+
+class Problem(eqx.Module):
+    """What an agent is trained on."""
+
+    params: EnvParams
+    sampler: InstanceSampler
+    """Walks from the scenario's origin."""
+    tests: Instance
+    """Greedy test walks, through futures of their own."""
+
+
+def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> Problem:
+    """Draw futures and choose walks on one map; ``jax.eval_shape`` may trace it."""
+    destinations = destinations_of(scenario_map, config.destinations)
+    params = make_environment(
+        scenario,
+        scenario_map,
+        "learn",
+        config.futures + config.test_walks,
+        level=config.level,
+        destinations=destinations,
+    )
+    here = sampler(scenario, scenario_map, params, config.futures, destinations=destinations)
+    several = destinations if config.destinations > 1 else None
+    tests = instances(scenario, scenario_map, params, config.test_walks, first=config.futures, destinations=several)
+    return Problem(params, here, tests)
+
+
+def anywhere(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap, params: EnvParams) -> InstanceSampler:
+    """Walks from anywhere to the same destinations."""
+    destinations = destinations_of(scenario_map, config.destinations)
+    return sampler(scenario, scenario_map, params, config.futures, destinations=destinations, anywhere=True)
+
+
+def renewed(
+    config: TrainConfig,
+    scenario: Scenario,
+    scenario_map: ScenarioMap,
+    params: EnvParams,
+    before: int,
+    executor: Executor,
+) -> Iterator[EnvParams]:
+    """Yield the environment of every round after those ``before``.
+
+    Fresh futures are drawn by the executor during the round before. Walkers that are on their way when their future is
+    replaced go on in the new one.
+    """
+    if not config.fresh_futures:
+        yield from itertools.repeat(params)
+
+    def renew(params: EnvParams, number: int) -> EnvParams:
+        fresh = sample_futures(
+            scenario, scenario_map, params, number, futures=config.fresh_futures, among=config.futures
+        )
+        first = jnp.int32(number * config.fresh_futures % config.futures)
+        return replace_futures(params, fresh, first, among=config.futures)
+
+    # Earlier ones have been replaced again.
+    latest = before - math.ceil(config.futures / config.fresh_futures)
+    for number in range(max(latest, 0) + 1, before + 1):
+        params = renew(params, number)
+    for number in range(before + 1, config.rounds):
+        upcoming = executor.submit(renew, params, number)
+        yield params
+        params = upcoming.result()
+    yield params

@@ -1,0 +1,180 @@
+"""One training run: start, resume, save, report progress. The command line, experiments and scripts all call it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata, Model, load, save
+from sidestep.agent.config import TrainConfig
+from sidestep.agent.train import TrainState, training_rounds
+from sidestep.files import output_folder
+from sidestep.scenarios.episodes import check_paths, destinations_of
+from sidestep.scenarios.maps import draw_training_map
+from sidestep.scenarios.model import Scenario
+
+SAVE_SECONDS = 2.0
+"""Time between two checkpoints, s."""
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """A training run after one of its rounds; after the last, its result."""
+
+    checkpoint: Checkpoint
+    """Its ``state`` is used up by the next round: a callback that keeps it must copy it."""
+    seconds: float
+    """Time since the run was started or resumed, s."""
+    steps_per_second: float
+    """Environment steps; the first round is left out, since it waits for the compiler."""
+    updates_per_second: float
+    """Gradient steps."""
+    folder: Path | None
+    """Where the model is saved."""
+
+    @property
+    def metadata(self) -> Metadata:
+        """What is trained, and the minutes of all test walks so far."""
+        return self.checkpoint.metadata
+
+    @property
+    def model(self) -> Model:
+        """What was learned so far."""
+        return self.checkpoint.model
+
+    @property
+    def test_minutes(self) -> Float[np.ndarray, " test"]:
+        """Minutes of the greedy test walks after the latest round."""
+        return np.asarray(self.metadata.curve[-1])
+
+    @property
+    def best_minutes(self) -> float:
+        """Mean of the best round's test walks, min."""
+        return float(self.checkpoint.state.best_minutes)
+
+    def to_json(self) -> dict[str, Any]:
+        """The shape of ``train --json``."""
+        known = self.metadata.model_dump(mode="json")
+        return {
+            "scenario": known["scenario"],
+            "seed": known["seed"],
+            "map": known["map"],
+            "level": known["config"]["level"],
+            "config": known["config"],
+            "seconds": self.seconds,
+            "steps_per_second": self.steps_per_second,
+            "updates_per_second": self.updates_per_second,
+            "curve_minutes": [sum(walks) / len(walks) for walks in self.metadata.curve],
+            "best_minutes": self.best_minutes,
+            "model": None if self.folder is None else str(self.folder),
+        }
+
+
+OnRound = Callable[[TrainingRun], None]
+
+
+def train(
+    scenario: Scenario,
+    config: TrainConfig,
+    *,
+    seed: int = 0,
+    index: int = 0,
+    out: Path | None = None,
+    resume: bool = False,
+    on_round: OnRound = lambda _run: None,
+) -> TrainingRun:
+    """Train an agent on one map of a scenario, or on its training maps where it has such.
+
+    Parameters
+    ----------
+    scenario
+        What is learned.
+    config
+        How it is learned; see :func:`sidestep.preset`.
+    seed
+        Seed of the map, its crowds and the training. The same seed gives the same run, to the bit.
+    index
+        Number of the map.
+    out
+        Folder for the model; it is saved every few seconds and at the end.
+    resume
+        Go on with the model in ``out``, which must be of the same scenario, map, seed and configuration. The result is
+        the same, to the bit, as without the interruption.
+    on_round
+        Called after every round with the run so far, to report progress or to judge what has been learned.
+
+    Returns
+    -------
+    TrainingRun
+        Its ``model`` is what was learned; :func:`sidestep.trained_darp` makes a planner of it.
+
+    Raises
+    ------
+    CheckpointError
+        There is nothing to resume, or it was trained otherwise or to the end.
+    ScenarioError
+        There are fewer destinations than are to be learned, or no way on from a crossing.
+    OutputError
+        The folder cannot be written to.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> small = sidestep.preset("default").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64)
+    >>> run = sidestep.train(sidestep.scenario("paper-congested", side=3, crowded_nodes=1), small)
+    >>> len(run.metadata.curve), run.model.q_network.crossings
+    (2, 9)
+    """
+    drawn = draw_training_map(scenario, seed, index)
+    # What nobody can learn is refused before anything is written.
+    destinations_of(drawn, config.destinations)
+    check_paths(drawn)
+    metadata = Metadata(scenario=scenario, seed=seed, map=index, config=config, fingerprint=drawn.fingerprint)
+    state = None
+    if resume:
+        metadata, state = _resumed(out, metadata)
+    if out is not None:
+        output_folder(out)
+    before = len(metadata.curve)
+    began, first, saved = perf_counter(), math.inf, -math.inf
+    for now, report in training_rounds(config, scenario, drawn, state):
+        curve = (*metadata.curve, tuple(report.test_minutes.tolist()))
+        metadata = metadata.model_copy(update={"curve": curve})
+        at = perf_counter()
+        first, done = min(first, at), len(curve) - before
+        rounds_per_second = (done - 1) / (at - first) if done > 1 else 1 / (at - began)
+        run = TrainingRun(
+            checkpoint=Checkpoint(metadata, now),
+            seconds=at - began,
+            steps_per_second=rounds_per_second * config.round_steps,
+            updates_per_second=rounds_per_second * config.iterations,
+            folder=out,
+        )
+        if out is not None and (len(curve) == config.rounds or at - saved > SAVE_SECONDS):
+            save(run.checkpoint, out)
+            saved = perf_counter()
+        on_round(run)
+    return run
+
+
+def _resumed(folder: Path | None, wanted: Metadata) -> tuple[Metadata, TrainState]:
+    """What is in the folder, if it is a part of the training that is wanted."""
+    if folder is None:
+        raise CheckpointError("to resume a training, give the folder of its model: --out", field="out")
+    found = load(folder)
+    pairs = {name: (getattr(found.metadata, name), getattr(wanted, name)) for name in ("scenario", "seed", "map")}
+    pairs |= {name: (value, getattr(wanted.config, name)) for name, value in found.metadata.config}
+    for name, (old, new) in pairs.items():
+        if old != new:
+            words = f"another {name}" if name == "scenario" else f"{name} {old}, not {new}"
+            raise CheckpointError(f"the training in {folder} has {words}; it cannot go on", field=name)
+    if len(found.metadata.curve) >= wanted.config.rounds:
+        raise CheckpointError(
+            f"the model in {folder} has been trained to the end, {wanted.config.rounds} rounds", field="rounds"
+        )
+    return found.metadata, found.state

@@ -1,0 +1,307 @@
+"""The ends of a request on the streets, and its departure. The only module here that tells grids from towns."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import MAXYEAR, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from sidestep.crowds.counts import CountTable, read_counts
+from sidestep.crowds.profile import time_of_week
+from sidestep.network.graph import ABSENT, RoadNetwork
+from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
+from sidestep.planners.base import Planner
+from sidestep.planners.reactive import Snapshot
+from sidestep.planners.shortest_path import ShortestPath, distances_to
+from sidestep.routing.directions import Leg, Step, directions
+from sidestep.routing.plan import End, RequestFacts, StreetMap
+from sidestep.routing.request import Place, RouteError, RouteRequest, at_fault
+from sidestep.scenarios.build import town_of
+from sidestep.scenarios.maps import ScenarioMap, with_live_counts
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.places import Grid, Venue
+from sidestep.scenarios.values import DAYS
+
+FUTURES = 200
+"""Futures that are simulated by default."""
+
+LIVE_FUTURES = 20
+"""The same in towns for planners that see all counts: forecasts in every slot of every future take long."""
+
+SPARE_NODES, SPARE_SEGMENTS = 2, 4
+"""Nodes and segments that two ends in the middle of streets add at most. Where they add fewer, arrays are padded, so
+that all requests have the same shapes and share their compiled programs."""
+
+OnMap = tuple[list[Leg], list[Step] | None, StreetMap | None]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LocatedRequest:
+    """A request with all that a planner needs to know; on a grid, unless it is a :class:`TownRequest`."""
+
+    request: RouteRequest
+    facts: RequestFacts
+    scenario: Scenario
+
+    scenario_map: ScenarioMap
+    """The streets, split at the ends, and the crowds on them from clock 0 on."""
+
+    clock: float
+    """Departure, seconds since the scenario's start."""
+
+    hours: tuple[float, ...]
+    """Hour of the week at clock 0."""
+
+    futures: int = FUTURES
+    """Futures that are simulated by default."""
+
+    live_futures: int = FUTURES
+    """The most of them, by default, for planners that see all counts."""
+
+    baselines: tuple[Planner, ...] = ()
+    """Planners that the plan is compared with."""
+
+    def on_map(self, legs: list[Leg], _density: Float[np.ndarray, " segment"]) -> OnMap:
+        """The legs with their streets, turns, and a map, given the densities on all segments in persons/m²."""
+        return legs, None, None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TownRequest(LocatedRequest):
+    """A request in a town, whose streets have names and coordinates."""
+
+    streets: SplitStreets
+
+    def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
+        town, street_of = self.streets.town, self.streets.street
+
+        def named(leg: Leg) -> Leg:
+            street = int(street_of[leg.segment])
+            course = np.round(self.streets.course(leg.segment), 7).tolist()
+            return replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
+
+        densest = np.zeros(town.streets, density.dtype)
+        np.maximum.at(densest, street_of, density)
+        legs = list(map(named, legs))
+        return legs, directions(legs), StreetMap(town, densest)
+
+
+def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteRequest], LocatedRequest]:
+    """A function that finds the ends of requests, and the crowds at the departure, on one map of a scenario.
+
+    It raises a :class:`SidestepError`, whose ``field`` names the field of the request, for nodes that do not exist,
+    places outside the town, ends that no way connects, and departures and live counts for which crowds are not known.
+    """
+    match scenario.place:
+        case Grid():
+            return partial(_locate_on_grid, scenario, scenario_map)
+        case Venue() as venue:
+            return TownLocator(scenario, scenario_map, venue).locate
+
+
+def _either_end(request: RouteRequest, nodes: int) -> list[tuple[str, Place]]:
+    """The places that were asked for, by field; by default the first node and the last."""
+    ends = [("origin", request.origin, 0), ("destination", request.destination, nodes - 1)]
+    asked = [(name, default if place is None else place) for name, place, default in ends]
+    for name, place in asked:
+        if isinstance(place, int) and not 0 <= place < nodes:
+            raise RouteError(f"the {name} is node {place}, but nodes are numbered 0 to {nodes - 1}", field=name)
+    return asked
+
+
+def _locate_on_grid(scenario: Scenario, scenario_map: ScenarioMap, request: RouteRequest) -> LocatedRequest:
+    """Ends are nodes, and the departure is minutes after the scenario's start."""
+    ends, minutes = [], 0 if request.depart is None else request.depart
+    for name, place in _either_end(request, scenario_map.network.nodes):
+        if not isinstance(place, int):
+            raise RouteError(f"the {name} must be a node: a grid has no latitudes and longitudes", field=name)
+        ends.append(End(place, f"node {place}"))
+    if isinstance(minutes, datetime) or not 0 <= 60 * minutes < scenario.horizon:
+        raise RouteError(
+            f"the departure must be minutes between 0 and {scenario.horizon / 60:g}, not {minutes}", field="depart"
+        )
+    if request.live is not None:
+        raise RouteError("a grid has no sensors; leave out the live counts", field="live")
+    facts = RequestFacts(
+        **_common(scenario, request),
+        origin=ends[0],
+        destination=ends[1],
+        departs=f"{minutes:g} min after the start",
+        departure_minutes=minutes,
+        attribution="a grid of random lengths",
+        crowds="simulated",
+        expected_crowds="those that the scenario expects",
+    )
+    return LocatedRequest(
+        request=request,
+        facts=facts,
+        scenario=scenario,
+        scenario_map=scenario_map,
+        clock=60 * minutes,
+        hours=(0.0,),
+    )
+
+
+class TownLocator:
+    """Ends are nodes or places near streets, which are split there; the departure is a local time."""
+
+    def __init__(self, scenario: Scenario, scenario_map: ScenarioMap, venue: Venue) -> None:
+        self._scenario, self._map, self._venue = scenario, scenario_map, venue
+        self._snapper = Snapper(town_of(venue.streets))
+        self._source = Path(venue.crowd_source.file).name
+        self._sensors = len(set(scenario_map.sensors)) or None
+        self._first_hour = venue.departure_hours(1)[0]
+        self._futures = 1 if venue.certain else FUTURES
+
+    def locate(self, request: RouteRequest) -> LocatedRequest:
+        """Find both ends on the streets, and the crowds at the departure."""
+        hour, time, departs = self._departure(request.depart)
+        streets, origin, destination = self._ends(request)
+        here, counted = self._with_counts(self._map.on_pieces(streets), request.live, time)
+        facts = RequestFacts(
+            **_common(self._scenario, request),
+            origin=origin,
+            destination=destination,
+            departure=None if time is None else time.isoformat(),
+            departs=departs,
+            hour_of_week=hour,
+            sensors=self._sensors,
+            counted_sensors=counted,
+            attribution=streets.town.attribution,
+            crowds=self._venue.attribution,
+            expected_crowds=self._expected_crowds(hour, counted),
+        )
+        return TownRequest(
+            request=request,
+            facts=facts,
+            scenario=self._scenario.changed(departures=(0.0, 0.0)),  # so that no slots are drawn that nobody walks in
+            scenario_map=here,
+            clock=0.0,
+            hours=(self._first_hour if hour is None else hour,),
+            futures=self._futures,
+            live_futures=LIVE_FUTURES,
+            baselines=(ShortestPath(), Snapshot()),
+            streets=streets,
+        )
+
+    def _departure(self, depart: datetime | float | None) -> tuple[float | None, datetime | None, str]:
+        """Hour of the week and local time, where there are such, and both for people."""
+        flow = self._map.flow
+        if not flow.timed:
+            if depart is None:
+                return None, None, "as the table begins"
+            raise RouteError(
+                f"{self._source} has slots without times, so walks depart as it begins; leave out the departure",
+                field="depart",
+            )
+        if depart is None:
+            hour, time = self._first_hour, None
+            departs = _day_and_time(hour)
+        elif isinstance(depart, datetime) and depart.tzinfo is None and depart.year < MAXYEAR:
+            hour, time = time_of_week(depart), depart
+            departs = f"{DAYS[depart.weekday()]} {depart:%Y-%m-%d %H:%M}"
+        else:
+            raise RouteError(
+                f"the departure must be a local time without zone, such as 2025-05-24T12:30, not {depart}",
+                field="depart",
+            )
+        if not flow.covers(hour):
+            raise RouteError(f"{self._source} covers {flow.coverage}, but the departure is {departs}", field="depart")
+        return hour, time, departs
+
+    def _ends(self, request: RouteRequest) -> tuple[SplitStreets, End, End]:
+        """Both ends, on streets that are split there, so that either end of the street can be walked to."""
+        town = self._snapper.town
+        asked = _either_end(request, town.nodes)
+        found: list[int | StreetPoint] = []
+        for name, place in asked:
+            with at_fault(name):
+                found.append(place if isinstance(place, int) else self._snapper.nearest(*place))
+        streets = padded(split_streets(town, found))
+        origin, destination = map(self._end, streets.nodes, found, (place for _, place in asked))
+        network, way = streets.network, f"{origin.asked} to {destination.asked}"
+        if origin.node == destination.node:
+            raise RouteError(f"{way} is no way: both are the same place on these streets", field="destination")
+        away = distances_to(network, np.asarray(network.length), destination.node)
+        if not math.isfinite(away[origin.node]):
+            raise RouteError(f"no way leads from {way}; streets may be one-way or unconnected", field="destination")
+        return streets, origin, destination
+
+    def _end(self, node: int, found: int | StreetPoint, asked: Place) -> End:
+        if isinstance(found, StreetPoint) and not isinstance(asked, int):
+            return End(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
+        longitude, latitude = self._snapper.town.place[node].tolist()
+        return End(node, f"crossing {node}", latitude, longitude)
+
+    def _with_counts(
+        self, here: ScenarioMap, live: CountTable | Path | str | None, time: datetime | None
+    ) -> tuple[ScenarioMap, int | None]:
+        """The same crowds, but going on from current counts, and the number of sensors that these are of."""
+        if live is None:
+            return here, None
+        if self._sensors is None:
+            raise RouteError(
+                f"live counts are of sensors, but the crowds of {self._scenario.name} come from a table", field="live"
+            )
+        if time is None:
+            raise RouteError("live counts need a departure with its day, such as 2025-05-24T12:30", field="depart")
+        with at_fault("live"):
+            counts = live if isinstance(live, CountTable) else read_counts(Path(live))
+            return with_live_counts(here, counts, time)
+
+    def _expected_crowds(self, hour: float | None, counted: int | None) -> str:
+        if hour is None:
+            return "those of the table from its first slot on"
+        whose = "of the table" if self._sensors is None else "that are expected"
+        more = "" if counted is None else f", and go on from current counts of {counted} of {self._sensors} sensors"
+        return f"those {whose} at this hour of the week, whatever the date{more}"
+
+
+def _common(scenario: Scenario, request: RouteRequest) -> dict[str, Any]:
+    """Facts of any request."""
+    return {
+        "scenario": scenario.name,
+        "objective": scenario.objective.to_json(),
+        "by_minutes": request.by,
+        "synthetic": scenario.place.synthetic,
+    }
+
+
+def _day_and_time(hour: float) -> str:
+    day, minute = divmod(round(60 * hour), 24 * 60)
+    return f"{DAYS[day % 7]} {minute // 60:02}:{minute % 60:02}"
+
+
+def padded(streets: SplitStreets) -> SplitStreets:
+    """The same streets with arrays as large as for two ends in the middle of streets.
+
+    No exit leads to the spare nodes and segments, which are copies of the first segment: no walk, no search and no
+    cost to go knows of them.
+    """
+    town, network = streets.town, streets.network
+    more = town.nodes + SPARE_NODES - network.nodes
+    extra = len(town.street_of_segment()[0]) + SPARE_SEGMENTS - network.segments
+    kept = np.append(np.arange(network.segments), np.zeros(extra, int))
+
+    def nodes(array: Array, value: float) -> Array:
+        return jax.device_put(np.pad(np.asarray(array), [(0, more), (0, 0)], constant_values=value))
+
+    def segments(array: Array) -> Array:
+        return jax.device_put(np.asarray(array)[kept])
+
+    exits = (nodes(network.exit_node, ABSENT), nodes(network.exit_segment, ABSENT))
+    of_segments = map(segments, (network.tail, network.head, network.length, network.width))
+    return replace(
+        streets,
+        network=RoadNetwork(nodes(network.position, 0), *exits, *of_segments),
+        parent=streets.parent[kept],
+        street=streets.street[kept],
+        begin=streets.begin[kept],
+        end=streets.end[kept],
+    )

@@ -1,0 +1,138 @@
+"""Planning many routes through one place from one process."""
+
+from datetime import datetime
+from pathlib import Path
+
+from sidestep.crowds.counts import CountTable
+from sidestep.planners.base import Planner
+from sidestep.planners.learned import Darp, load_planners
+from sidestep.planners.registry import BASELINE, find_planner
+from sidestep.routing.locate import LocatedRequest, locator
+from sidestep.routing.plan import RoutePlan
+from sidestep.routing.request import Place, RouteError, RouteRequest, at_fault, read_departure, read_place
+from sidestep.routing.walks import plan_located
+from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.reader import find_scenario
+
+
+class Router:
+    """A place, loaded once, through which many routes are planned.
+
+    Streets, crowds and a model are read when the router is made; programs are compiled for the first route and serve
+    the next ones. A program is compiled anew for another planner, another number of futures, other kinds of what is
+    known (current counts or none), and, for planners that see all counts, where the walk takes more than twice as long.
+    Several threads may plan with one router at a time.
+
+    Parameters
+    ----------
+    scenario
+        A scenario, the name of a built-in one, or a scenario file.
+    model
+        Folder of a trained model, which is the planner ``darp``. Without one, routes are searched for.
+    seed
+        Seed of the map and its futures.
+    index
+        Number of the map.
+
+    Raises
+    ------
+    SidestepError
+        A scenario or a model that is not there, or that do not fit each other.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> router = sidestep.Router(sidestep.scenario("paper-congested", side=3, crowded_nodes=1))
+    >>> plan = router.plan(0, 8, futures=10)
+    >>> plan.nodes[0], plan.nodes[-1]
+    (0, 8)
+    """
+
+    def __init__(
+        self, scenario: Scenario | str | Path, *, model: Path | str | None = None, seed: int = 0, index: int = 0
+    ) -> None:
+        self.scenario = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
+        self._map, self._index = draw_map(self.scenario, seed, index), index
+        self._locate = locator(self.scenario, self._map)
+        with at_fault("model"):
+            self._learned = load_planners([] if model is None else [Path(model)], self.scenario, seed)
+        if self._learned.index not in (None, index):
+            raise RouteError(f"the model remembers map {self._learned.index}, not {index}", field="model")
+        self._default = BASELINE if model is None else Darp.name
+
+    def plan(
+        self,
+        origin: Place | str | None = None,
+        destination: Place | str | None = None,
+        *,
+        depart: datetime | float | str | None = None,
+        planner: Planner | str | None = None,
+        by: float | None = None,
+        futures: int | None = None,
+        live: CountTable | Path | str | None = None,
+    ) -> RoutePlan:
+        """Plan a route. The parameters are the fields of :class:`RouteRequest`, or text as people write it.
+
+        Raises
+        ------
+        SidestepError
+            As :meth:`answer`.
+        """
+        ends = read_place("origin", origin), read_place("destination", destination)
+        return self.answer(RouteRequest(*ends, read_departure(depart), planner, by, futures, live))
+
+    def answer(self, request: RouteRequest) -> RoutePlan:
+        """Plan the route that a request asks for.
+
+        Raises
+        ------
+        SidestepError
+            A request that streets, crowds or the planner do not allow; ``error.field`` names the field at fault.
+        """
+        located = self._locate(request)
+        return plan_located(located, self._planner(located))
+
+    def _planner(self, located: LocatedRequest) -> Planner:
+        planner = located.request.planner or self._default
+        if not isinstance(planner, str):
+            return planner
+        if planner in self._learned.factories:
+            self._check_learned(located)
+            return self._learned.factories[planner](self._map, self._index)
+        with at_fault("planner"):
+            return find_planner(planner)
+
+    def _check_learned(self, located: LocatedRequest) -> None:
+        """Refuse ends that a model does not know which remembers nodes."""
+        for field, end in (("origin", located.facts.origin), ("destination", located.facts.destination)):
+            if self._learned.index is not None and end.node >= self._map.network.nodes:
+                raise RouteError(f"the model remembers nodes; give the {field} as one", field=field)
+        with at_fault("destination"):
+            self._learned.check_destination(located.facts.destination.node)
+
+
+def plan_route(
+    scenario: Scenario | str | Path,
+    request: RouteRequest,
+    *,
+    model: Path | str | None = None,
+    seed: int = 0,
+    index: int = 0,
+) -> RoutePlan:
+    """Plan one route; for several through one place make a :class:`Router`, whose parameters the others are.
+
+    Raises
+    ------
+    SidestepError
+        As :class:`Router` and :meth:`Router.answer`.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> grid = sidestep.scenario("paper-congested", side=3, crowded_nodes=1)
+    >>> plan = sidestep.plan_route(grid, sidestep.RouteRequest(destination=8, planner="shortest-path", futures=10))
+    >>> plan.planner, plan.arrives
+    ('shortest-path', True)
+    """
+    return Router(scenario, model=model, seed=seed, index=index).answer(request)

@@ -1,0 +1,64 @@
+"""Which futures are renewed before which round."""
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
+from typing import Any
+
+import jax
+import pytest
+
+from sidestep.agent import problem
+from sidestep.agent.presets import preset
+from sidestep.environment.types import EnvParams
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.futures import make_environment
+from sidestep.scenarios.maps import draw_map
+
+ROUNDS = 6
+SMALL = scenario("paper-congested", side=3, crowded_nodes=1, horizon=3600.0)
+
+
+@pytest.fixture
+def renewals(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The renewals that are made for the rounds after some: the number of each, and the first future it replaces."""
+    scenario_map = draw_map(SMALL, 6)
+    params = make_environment(SMALL, scenario_map, "learn", 2)
+    made: list[tuple[int, int]] = []
+
+    def sample(_scenario: Any, _map: Any, _params: Any, number: int, futures: int) -> tuple[int, int]:
+        return number, futures
+
+    def replace(params: EnvParams, fresh: tuple[int, int], first: jax.Array) -> EnvParams:
+        made.append((fresh[0], int(first)))
+        return params
+
+    monkeypatch.setattr(problem, "sample_futures", sample)
+    monkeypatch.setattr(problem, "replace_futures", replace)
+
+    def after(before: int, futures: int, fresh: int) -> list[tuple[int, int]]:
+        config = preset("default", "local").changed(rounds=ROUNDS, futures=futures, fresh_futures=fresh)
+        with ThreadPoolExecutor(1) as executor:
+            rounds = problem.renewed(config, SMALL, scenario_map, params, before, executor)
+            assert len(list(islice(rounds, ROUNDS - before))) == ROUNDS - before
+        return made
+
+    return after
+
+
+@pytest.mark.parametrize(("before", "first"), [(0, 1), (1, 1), (2, 1), (4, 3), (5, 4)])
+def test_two_of_four_futures_are_renewed_in_turn(renewals: Any, before: int, first: int) -> None:
+    # Number 1 replaces futures 2 and 3, number 2 futures 0 and 1, … After a resumption only those are drawn again that
+    # have not been replaced since.
+    in_turn = {1: 2, 2: 0, 3: 2, 4: 0, 5: 2}
+    assert renewals(before, futures=4, fresh=2) == list(in_turn.items())[first - 1 :]
+
+
+@pytest.mark.parametrize(("before", "first"), [(0, 1), (3, 1), (4, 2), (5, 3)])
+def test_renewing_wraps_round(renewals: Any, before: int, first: int) -> None:
+    # Number 2 replaces futures 4 and 0, and so on; three renewals replace them all.
+    in_turn = {1: 2, 2: 4, 3: 1, 4: 3, 5: 0}
+    assert renewals(before, futures=5, fresh=2) == list(in_turn.items())[first - 1 :]
+
+
+def test_without_fresh_futures_nothing_is_renewed(renewals: Any) -> None:
+    assert renewals(2, futures=4, fresh=0) == []

@@ -1,0 +1,167 @@
+"""One training run: it reports, saves, resumes to the bit, and compiles nothing after its first round."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from sidestep.agent import checkpoint, problem
+from sidestep.agent.checkpoint import CheckpointError
+from sidestep.agent.config import TrainConfigError
+from sidestep.agent.presets import preset
+from sidestep.agent.runs import TrainingRun, train
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.maps import draw_training_map, fingerprint
+from sidestep.scenarios.model import ScenarioError
+
+PROBLEM = scenario("rush-16", side=3, crowded_nodes=1, horizon=3600.0)
+CONFIG = preset("default", "local").changed(
+    rounds=4, round_steps=64, walkers=16, batch=16, capacity=64, hidden=(8,), places=2, n_step=3, futures=5,
+    fresh_futures=2, test_walks=2,
+)  # fmt: skip
+
+
+def whole(run: TrainingRun) -> list[np.ndarray]:
+    """All numbers of a run's state, on the host."""
+    plain = eqx.tree_at(lambda state: state.key, run.checkpoint.state, jax.random.key_data(run.checkpoint.state.key))
+    return [np.array(leaf) for leaf in jax.tree.leaves(plain)]
+
+
+class Straight:
+    """A run from beginning to end, saved after each of its rounds."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folders, self.curves, self.states = [], [], []
+
+        def on_round(run: TrainingRun) -> None:
+            self.folders.append(folder / str(len(run.metadata.curve)))
+            self.folders[-1].mkdir()
+            checkpoint.save(run.checkpoint, self.folders[-1])
+            self.curves.append(run.metadata.curve)
+            self.states.append(whole(run))
+
+        self.run = train(PROBLEM, CONFIG, seed=4, index=2, out=folder / "out", on_round=on_round)
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory: pytest.TempPathFactory) -> Straight:
+    return Straight(tmp_path_factory.mktemp("models"))
+
+
+def test_reports_every_round(straight: Straight) -> None:
+    assert [len(curve) for curve in straight.curves] == [1, 2, 3, 4]
+    run = straight.run
+    assert run.metadata.curve == straight.curves[-1]
+    assert run.test_minutes.tolist() == list(run.metadata.curve[-1])
+    assert run.best_minutes == pytest.approx(min(np.mean(walks) for walks in run.metadata.curve))
+    assert (run.metadata.scenario, run.metadata.seed, run.metadata.map) == (PROBLEM, 4, 2)
+    assert run.metadata.config == CONFIG
+    assert run.metadata.fingerprint == fingerprint(draw_training_map(PROBLEM, 4, 2))
+    assert run.seconds > 0
+    assert run.steps_per_second == pytest.approx(16 * run.updates_per_second)
+
+
+def test_json_is_what_the_command_line_prints(straight: Straight) -> None:
+    found = straight.run.to_json()
+    assert list(found) == [
+        "scenario", "seed", "map", "level", "config", "seconds", "steps_per_second", "updates_per_second",
+        "curve_minutes", "best_minutes", "model",
+    ]  # fmt: skip
+    assert (found["scenario"]["name"], found["seed"], found["map"], found["level"]) == ("rush-16", 4, 2, "local")
+    assert found["config"]["hidden"] == [8]
+    assert found["curve_minutes"] == pytest.approx([np.mean(walks) for walks in straight.curves[-1]])
+    assert found["model"] == str(straight.run.folder)
+
+
+def test_the_last_round_is_saved(straight: Straight) -> None:
+    assert straight.run.folder is not None
+    assert sorted(file.name for file in straight.run.folder.iterdir()) == ["checkpoint.eqx", "model.eqx"]
+    model = checkpoint.load_model(straight.run.folder)
+    assert model.metadata == straight.run.metadata
+    assert eqx.tree_equal(model.q_network, straight.run.model.q_network)
+    assert model.policy.q_network is model.q_network
+
+
+@pytest.mark.parametrize("rounds", [1, 3])
+def test_a_run_resumes_to_the_bit(straight: Straight, rounds: int) -> None:
+    curves = []
+    run = train(
+        PROBLEM, CONFIG, seed=4, index=2, out=straight.folders[rounds - 1], resume=True,
+        on_round=lambda run: curves.append(run.metadata.curve),
+    )  # fmt: skip
+    assert curves == straight.curves[rounds:]
+    for resumed, expected in zip(whole(run), straight.states[-1], strict=True):
+        np.testing.assert_array_equal(resumed, expected)
+
+
+def test_the_same_run_again_compiles_nothing(straight: Straight, caplog: pytest.LogCaptureFixture) -> None:
+    def compiled() -> list[str]:
+        found = [record.getMessage() for record in caplog.records if record.getMessage().startswith("Compiling ")]
+        caplog.clear()
+        return found
+
+    after_each: list[list[str]] = []
+    # Without its compiled programs, so that the first round has to compile, as in a new process.
+    jax.clear_caches()
+    with caplog.at_level(logging.WARNING), jax.log_compiles():
+        run = train(PROBLEM, CONFIG, seed=4, index=2, on_round=lambda _: after_each.append(compiled()))
+        assert after_each[0]  # or nothing is seen
+        assert after_each[1:] == [[]] * 3
+        compiled()
+        train(PROBLEM, CONFIG, seed=5)
+        assert compiled() == []
+    assert run.metadata.curve == straight.curves[-1]
+
+
+def test_fresh_futures_are_met(straight: Straight, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(problem, "replace_futures", lambda params, _futures, _first: params)
+    stale = []
+    train(PROBLEM, CONFIG, seed=4, index=2, on_round=lambda run: stale.append(whole(run)))
+
+    def same(one: list[np.ndarray], other: list[np.ndarray]) -> bool:
+        return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+    # From the second round on walkers meet others.
+    assert [same(*pair) for pair in zip(stale, straight.states, strict=True)] == [True, False, False, False]
+
+
+# --- What is refused ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"scenario": scenario("paper-congested", side=3, crowded_nodes=1)}, "scenario"),
+        ({"seed": 5}, "seed"),
+        ({"index": 0}, "map"),
+        ({"config": CONFIG.changed(rounds=5)}, "rounds"),
+        ({"config": CONFIG.changed(level="map")}, "level"),
+        ({"out": None}, "out"),
+    ],
+)
+def test_only_the_same_run_goes_on(straight: Straight, changes: dict[str, Any], field: str) -> None:
+    same = {"scenario": PROBLEM, "config": CONFIG, "seed": 4, "index": 2, "out": straight.folders[1]}
+    with pytest.raises(CheckpointError) as caught:
+        train(**(same | changes), resume=True)
+    assert caught.value.field == field
+
+
+def test_a_finished_run_does_not_go_on(straight: Straight) -> None:
+    with pytest.raises(CheckpointError) as caught:
+        train(PROBLEM, CONFIG, seed=4, index=2, out=straight.folders[-1], resume=True)
+    assert caught.value.field == "rounds"
+
+
+def test_what_cannot_be_learned_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    out = tmp_path / "model"
+    with pytest.raises(ScenarioError):
+        train(PROBLEM, CONFIG.changed(destinations=9, futures=64), out=out)
+    with pytest.raises(ScenarioError):
+        train(PROBLEM, CONFIG, seed=-1, out=out)
+    with pytest.raises(TrainConfigError):
+        train(PROBLEM, CONFIG.changed(rounds=0), out=out)
+    assert not out.exists()

@@ -1,0 +1,124 @@
+"""Many routes through one place: nothing is compiled or loaded again, and threads may share a router."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import pytest
+
+from sidestep.errors import SidestepError
+from sidestep.planners.learned import Learned
+from sidestep.planners.random import RandomWalk
+from sidestep.routing.request import RouteRequest
+from sidestep.routing.router import Router, plan_route
+from sidestep.scenarios.builtin import scenario
+
+NOON = "2025-05-24T12:30"
+ENDS = [((50, 4), (300, -50)), ((300, -50), (50, 4)), (3, 2), ((200, 50), (150, 0)), (0, (100, 100))]
+
+
+@pytest.fixture
+def ends(place) -> list:
+    return [tuple(end if isinstance(end, int) else place(*end) for end in pair) for pair in ENDS]
+
+
+@pytest.fixture
+def compiled():
+    """Names of the events of compilation since this list was cleared."""
+    events: list[str] = []
+
+    def listen(event: str, *_: object, **__: object) -> None:
+        if "backend_compile" in event:
+            events.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    jax.jit(lambda number: number + 1)(1.0)
+    assert events
+    yield events
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
+@pytest.mark.parametrize("planner", ["expected", "snapshot"])
+def test_the_second_route_compiles_nothing(tiny, ends, compiled, planner: str) -> None:
+    router = Router(tiny)
+    router.plan(*ends[0], depart=NOON, futures=7, planner=planner)
+    compiled.clear()
+    for pair in ends[1:]:
+        router.plan(*pair, depart="2025-05-26T18:00", futures=7, planner=planner)
+    assert compiled == []
+
+
+def test_threads_share_a_router(router, ends) -> None:
+    def plan(pair: tuple) -> dict:
+        return router.plan(*pair, depart=NOON, futures=7).to_json()
+
+    alone = [plan(pair) for pair in ends]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(plan, ends * 3)) == alone * 3
+
+
+def test_one_route_without_a_router(router, tiny, ends) -> None:
+    origin, destination = ends[0]
+    request = RouteRequest(origin, destination, planner="shortest-path", futures=2)
+    assert plan_route(tiny, request) == router.answer(request)
+    text = ["{:.9f},{:.9f}".format(*end) for end in ends[0]]
+    assert router.plan(*text, planner="shortest-path", futures=2).nodes == router.answer(request).nodes
+
+
+def test_scenarios_come_by_name_too() -> None:
+    router = Router("paper-congested", seed=1, index=2)
+    assert router.scenario.name == "paper-congested"
+    with pytest.raises(SidestepError):
+        Router("paper-congestd")
+
+
+def test_planners_come_by_name_or_as_objects(router, ends) -> None:
+    wanders = RandomWalk()
+    assert router.plan(*ends[0], planner=wanders, futures=2).planner == "random-walk"
+    for name in ("astar", "darp"):
+        with pytest.raises(SidestepError) as caught:
+            router.plan(*ends[0], planner=name)
+        assert caught.value.field == "planner"
+
+
+class Somebody(RandomWalk):
+    """Learned to walk somewhere."""
+
+
+def learned(monkeypatch, **known: object) -> None:
+    fields = {"factories": {"darp": lambda *_: Somebody()}, "index": None, "destinations": None} | known
+    monkeypatch.setattr("sidestep.routing.router.load_planners", lambda *_: Learned(**fields))
+
+
+def test_a_model_plans_by_default(monkeypatch, tiny, ends) -> None:
+    learned(monkeypatch)
+    router = Router(tiny, model="m")
+    located = router._locate(RouteRequest(*ends[0]))
+    assert isinstance(router._planner(located), Somebody)
+    searched = router._locate(RouteRequest(*ends[0], planner="expected"))
+    assert router._planner(searched).name == "expected"
+
+
+@pytest.mark.parametrize(
+    ("known", "pair", "field"),
+    [
+        ({"index": 0}, 0, "origin"),  # remembers nodes, but the route begins in the middle of a street
+        ({"index": 0}, 4, "destination"),
+        ({"index": 0, "destinations": frozenset([7])}, 2, "destination"),  # learned to walk elsewhere
+    ],
+)
+def test_models_of_nodes_walk_between_them(monkeypatch, tiny, ends, known: dict, pair: int, field: str) -> None:
+    learned(monkeypatch, **known)
+    router = Router(tiny, model="m")
+    with pytest.raises(SidestepError) as caught:
+        router.plan(*ends[pair], futures=2)
+    assert caught.value.field == field
+
+
+def test_models_that_do_not_fit(monkeypatch, tmp_path) -> None:
+    with pytest.raises(SidestepError) as caught:
+        Router("paper-congested", model=tmp_path)
+    assert caught.value.field == "model"
+    learned(monkeypatch, index=0)
+    with pytest.raises(SidestepError) as caught:
+        Router(scenario("paper-congested"), model="m", index=1)
+    assert caught.value.field == "model"
