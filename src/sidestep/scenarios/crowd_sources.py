@@ -71,10 +71,17 @@ class CountedCrowds:
     def build(self, town: Town, network: RoadNetwork, slot_seconds: float, _law: Law) -> Crowds:
         """Simulated crowds, and those that were recorded in the weeks to test on.
 
+        Parameters
+        ----------
+        town, network
+            The streets.
+        slot_seconds
+            Seconds in which crowds do not change.
+
         Raises
         ------
         SidestepError
-            Files that cannot be read, unknown sensors or such outside the town, too few counts.
+            Files that cannot be read, sensors that are unknown or outside the town, too few counts.
         """
         source, table = self.source, counts_of(self.source.file)
         sensors = source.sensors or tuple(Sensor(name=name) for name in table.sensors)
@@ -135,7 +142,16 @@ class TabledCrowds:
         yield ("file",), partial(self._table, town)
 
     def build(self, town: Town, network: RoadNetwork, slot_seconds: float, law: Law) -> Crowds:
-        """Simulated crowds, which are those to test on as well; ``law`` turns speeds into densities.
+        """Simulated crowds, which are those to test on as well.
+
+        Parameters
+        ----------
+        town, network
+            The streets.
+        slot_seconds
+            Seconds in which crowds do not change.
+        law
+            Turns speeds into densities, where the table has speeds.
 
         Raises
         ------

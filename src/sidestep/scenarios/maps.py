@@ -54,14 +54,17 @@ class ScenarioMap(eqx.Module):
         return self.test_flow if purpose == "test" else self.flow
 
     def on_pieces(self, streets: SplitStreets) -> "ScenarioMap":
-        """The same map with some streets split and the same crowds on all their pieces, for walks from anywhere."""
+        """The same map with some streets split and crowds as dense on all their pieces, for walks from anywhere.
+
+        Futures for tests are simulated: there are only as many recorded weeks as were counted, and none goes on from
+        now.
+        """
         parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.fraction, jnp.float32)
         flow = self.flow.on_pieces(parent, fraction)
         return replace(
             self,
             network=streets.network,
             flow=flow,
-            # Futures are simulated: there are only as many recorded weeks as were counted, and none goes on from now.
             test_flow=flow,
             parts=(streets.network.nodes,),
             origins=(),
@@ -83,6 +86,13 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     """Map number ``index`` of a seed; the same for every planner and for every kind of flow.
 
     Venues have the same streets and expected crowds on all maps; only the futures differ.
+
+    Parameters
+    ----------
+    scenario
+        The problem.
+    seed, index
+        Of 0 or more. Grids of several sides take them in turn by ``index``.
 
     Raises
     ------
@@ -111,6 +121,11 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     """What an agent learns on that will walk map number ``index``: that map, or others, as the scenario says.
 
     The others are drawn from another stream than all maps that agents are compared on.
+
+    Parameters
+    ----------
+    scenario, seed, index
+        As for :func:`draw_map`.
 
     Raises
     ------
@@ -154,10 +169,22 @@ def purpose_key(scenario_map: ScenarioMap, purpose: Purpose) -> Key[Array, ""]:
 
 
 def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: datetime) -> tuple[ScenarioMap, int]:
-    """A map whose crowds go on from current counts, and how many sensors these are of.
+    """A map whose crowds go on from current counts.
 
-    Counts are as the sensors count them; the crowding of the place is multiplied onto them. Of ``table`` the last hour
-    matters; sensors without a count in it are not known.
+    Parameters
+    ----------
+    scenario_map
+        The map.
+    table
+        Counts as the sensors count them; the crowding of the place is multiplied onto them. Its last hour matters, and
+        sensors without a count in it are not known.
+    departure
+        Local wall time of clock 0.
+
+    Returns
+    -------
+    scenario_map, known
+        The map, and the number of sensors with a count.
 
     Raises
     ------

@@ -142,7 +142,15 @@ _COMPLETE = ("missing", "value_error", "union_tag_invalid", "union_tag_not_found
 
 
 def faults(error: ValidationError, kind: type[BaseModel]) -> list[Fault]:
-    """The mistakes that pydantic found in the values of a ``kind`` of spec."""
+    """The mistakes that pydantic found in the values of a spec.
+
+    Parameters
+    ----------
+    error
+        What it raised.
+    kind
+        The spec.
+    """
     return [_fault(found, kind) for found in error.errors(include_url=False)]
 
 
