@@ -14,7 +14,8 @@ import pytest
 
 from sidestep.cli import app as cli
 from sidestep.crowds.counts import CountTable, read_counts
-from sidestep.crowds.crowd_table import read_table, save_crowd_table
+from sidestep.crowds.crowd_table import save_crowd_table
+from sidestep.crowds.table_reader import read_table
 from sidestep.environment.types import RewardWeights
 from sidestep.errors import SidestepError
 from sidestep.network.formats import save_town
@@ -273,13 +274,13 @@ def test_current_counts_make_crowds(tiny, tmp_path) -> None:
     trip = asked(tiny, at(50, 0), at(300, -50), counts=now)
     assert trip.counted == 1
     # back road was not counted; the quay has three times as many as usual, at 12:30 since this very moment
-    assert np.isnan(float(trip.place.flow.known.residual[0]))
-    assert float(trip.place.flow.known.residual[1]) == pytest.approx(np.log(3), abs=1e-3)
-    assert float(trip.place.flow.known.since) == 0
+    assert np.isnan(float(trip.place.flow.current.residual[0]))
+    assert float(trip.place.flow.current.residual[1]) == pytest.approx(np.log(3), abs=1e-3)
+    assert float(trip.place.flow.current.since) == 0
     before = asked(tiny, at(50, 0), at(300, -50), counts=live(tmp_path, "2025-05-24T11,7"))
-    assert float(before.place.flow.known.since) == 1
+    assert float(before.place.flow.current.since) == 1
     later = asked(tiny, at(50, 0), at(300, -50), depart="2025-05-24T13:00", counts=now)
-    assert float(later.place.flow.known.since) == 0.5
+    assert float(later.place.flow.current.since) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -462,11 +463,11 @@ def test_pieces_are_as_dense_as_their_street(tiny) -> None:
     assert (streets.share[: streets.town.streets][1:] == 1).all()
     for hour in (132.0, 133.0):
         before, after = (
-            np.asarray(there.beginning([hour]).flow.expected(3).density(there.network)[0]) for there in (place, here)
+            np.asarray(there.flow.expected(np.array([hour]), 3).density(there.network)[0]) for there in (place, here)
         )
         np.testing.assert_allclose(after, before[:, streets.parent], rtol=1e-5)
     # as many persons in all
-    assert float(here.flow.usual.sum()) == pytest.approx(float(place.flow.usual.sum()))
+    assert float(here.flow.volume.sum()) == pytest.approx(float(place.flow.volume.sum()))
 
 
 @pytest.fixture(scope="module")

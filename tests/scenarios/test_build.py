@@ -14,7 +14,7 @@ from sidestep.agent.presets import preset_for
 from sidestep.agent.segment_network import SegmentQNetwork
 from sidestep.agent.train import greedy, learned_place, prepare
 from sidestep.crowds.profile import hour_of_week
-from sidestep.crowds.sensors import fit_sensors, recorded_weeks
+from sidestep.crowds.sensor_model import fit_sensors, recorded_weeks
 from sidestep.environment.types import Local, Observation, Usual
 from sidestep.network.formats import load_helsinki
 from sidestep.network.snap import Snapper
@@ -154,7 +154,7 @@ def test_sensors_with_a_place_stand_there(place) -> None:
 def test_the_town_has_its_streets_and_crowds(place) -> None:
     town = town_of("helsinki")
     assert (place.network.nodes, place.parts) == (town.nodes, (town.nodes,))
-    assert place.flow.model.usual.shape == (168, 160)  # 16 sensors, in ten places each
+    assert place.flow.model.expected.shape == (168, 160)  # 16 sensors, in ten places each
     weight = np.asarray(place.flow.weights.weight)
     assert weight.shape == (place.network.segments, 4)
     assert weight.sum(axis=1).max() <= 1 + 1e-6
@@ -180,7 +180,7 @@ def test_walks_are_tested_in_weeks_that_were_not_fitted(place) -> None:
     noon = np.datetime64("2025-03-19T12", "h")
     (row,) = np.flatnonzero(tested.times == noon)
     assert hour_of_week(tested.times)[row] == 60
-    counts = np.expm1(record[1, 60] + np.asarray(place.flow.model.usual)[60])[:16]
+    counts = np.expm1(record[1, 60] + np.asarray(place.flow.model.expected)[60])[:16]
     np.testing.assert_allclose(counts, [tested.series(name)[row] for name in names], rtol=1e-3)
 
 
@@ -200,10 +200,9 @@ def test_every_walk_goes_elsewhere(place) -> None:
 
 def test_the_place_begins_at_the_hours_of_its_goals(place) -> None:
     here = set_out(HELSINKI, place, anywhere_to_anywhere(place, 6, 2), first=12)
-    for flow in (here.flow, here.recorded):
-        assert flow.start.tolist() == VENUE.starts(18)[12:]
+    assert here.hours.tolist() == VENUE.starts(18)[12:]
     assert here.recorded.record is place.recorded.record
-    assert place.flow.start.tolist() == VENUE.starts(1)
+    assert place.hours.tolist() == VENUE.starts(1)
 
 
 # --- Learning -------------------------------------------------------------------------------------------------------
@@ -228,8 +227,10 @@ def test_an_environment_expects_each_goal_at_its_hour(learned) -> None:
     # (300 + 1,200 s) / 300 s = 5 slots
     assert params.futures.density.shape == (7, 5, 160)
     assert params.expected.density.shape == (2, 5, 160)
-    assert here.flow.start.tolist() == VENUE.starts(2)
-    np.testing.assert_allclose(params.expected.density, jax.jit(lambda f: f.expected(5).sensed)(here.flow), rtol=1e-4)
+    assert here.hours.tolist() == VENUE.starts(2)
+    np.testing.assert_allclose(
+        params.expected.density, jax.jit(lambda m: m.flow.expected(m.hours, 5).sensed)(here), rtol=1e-4
+    )
 
 
 def test_no_walk_ends_where_it_begins(place, learned) -> None:
@@ -378,7 +379,7 @@ def test_lights_and_crossings_are_those_of_the_streets_both_ways(place) -> None:
     # Goals have hours of their own.
     destinations = np.array([[3], [4]])
     here = set_out(lit, draw_map(lit, 1), destinations)
-    np.testing.assert_array_equal(here.waits.start, here.flow.start)
+    np.testing.assert_array_equal(here.waits.start, here.hours)
 
 
 def test_nobody_beats_who_knows_the_phases_of_all_lights() -> None:

@@ -255,8 +255,8 @@ def test_what_is_expected_does_not_depend_on_the_purpose(scenario_map, params_of
 
 def test_futures_vary_about_what_is_expected(scenario_map) -> None:
     slots = 12
-    expected = np.asarray(scenario_map.flow.expected(slots).volume)
-    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), 400, slots).volume)
+    expected = np.asarray(scenario_map.flow.expected(jnp.zeros(1), slots).volume[0])
+    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(400), slots).volume)
     assert expected.shape == (slots, 24)
     assert drawn.shape == (400, slots, 24)
     assert np.ptp(drawn[:, 0], axis=0).max() == 0
@@ -276,7 +276,10 @@ def test_flows_of_the_forecast_have_one_future_which_is_expected(scenario_map) -
 
 
 def test_slot_0_is_the_crowd_of_the_map(scenario_map, params_of_test) -> None:
-    for field in (scenario_map.flow.expected(12), scenario_map.flow.draw(jax.random.key(1), 3, 12)):
+    for field in (
+        scenario_map.flow.expected(jnp.zeros(1), 12),
+        scenario_map.flow.draw(jax.random.key(1), jnp.zeros(3), 12),
+    ):
         assert (np.moveaxis(np.asarray(field.volume), -2, 0)[0] == volumes(scenario_map)).all()
     # x0 (p/d)^-0.8
     speed = 1.34 * (volumes(scenario_map) / np.asarray(scenario_map.network.length)) ** -0.8
@@ -415,8 +418,8 @@ def test_shifting_crowds_are_elsewhere_in_every_future() -> None:
     assert (scenario_map.network.length == draw_map(fixed, 0).network.length).all()
     # Nobody's streets are crowded in ordinary: nobody can know where they will be.
     assert float(scenario_map.flow.ordinary.base.max()) <= 1000
-    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), 4, 1).volume)[:, 0]
-    wave = np.asarray(scenario_map.flow.ordinary.usual(jnp.array([0]))[0] / scenario_map.flow.ordinary.base)
+    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(4), 1).volume)[:, 0]
+    wave = np.asarray(scenario_map.flow.ordinary.median(jnp.array([0]))[0] / scenario_map.flow.ordinary.base)
     # exp(.4 * 2) = 2.2 times 1,000 is little for a crowded street
     full = drawn / wave > 2300
     tail, head = np.asarray(scenario_map.network.tail), np.asarray(scenario_map.network.head)
