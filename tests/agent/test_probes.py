@@ -15,8 +15,7 @@ from sidestep.environment.instances import InstanceSampler
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.train import RoundReport, start, train_round
-from sidestep.crowds.arima import load_fitted
-from sidestep.crowds.base import ArimaFlow
+from sidestep.crowds.arima import ArimaFlow, load_fitted
 from sidestep.environment.types import EnvParams, Instance, Observation
 from sidestep.network.graph import road_network
 from sidestep.scenarios.builtin import scenario
