@@ -103,7 +103,7 @@ def test_people_are_told_what_was_filled(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "args", "said"),
     [
-        ("segment,slot,volume\n0,0,1\n0,1,-1\n", (), "bad.csv: line 3, column volume: '-1' is negative"),
+        ("segment,slot,volume\n0,0,1\n0,1,-1\n", (), "bad.csv: line 3, column 'volume': '-1' is negative"),
         ("segment,slot,volume\n0,0,1\n", ("--slot", "0"), "--slot must be a positive number of minutes, not 0"),
         ("segment,slot,volume\n0,0,1\n", ("--out", "bad.csv"), "give a name that ends so"),
     ],
