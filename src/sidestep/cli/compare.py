@@ -138,7 +138,7 @@ def show_results(results: "Results") -> None:
         "µs a decision": any("decision_us" in row for row in results["planners"].values()),
     }
     columns = [column for column in shown if shown[column]]
-    headings = HEADINGS | {"in time": f"within {by} min", "difference": f"over {results['baseline']}"}
+    headings = HEADINGS | {"in time": f"within {by:g} min" if by else "", "difference": f"over {results['baseline']}"}
     table = new_table(
         *(headings[column] if column in TEXT_COLUMNS else f">{headings[column]}" for column in columns),
         title="\n".join(filter(None, title)),

@@ -102,15 +102,16 @@ class Spec(BaseModel, metaclass=_Refusing):
         SpecError
             Unknown fields and wrong values; of the kind ``refusal``.
         """
-        known = list(_changeable(self))
-        for name in changes:
+        own = {name: value for name, value in changes.items() if name in type(self).model_fields}
+        inside = {name: value for name, value in changes.items() if name not in own}
+        changed = type(self)(**dict(self) | own)
+        known = list(_changeable(changed))
+        for name in inside:
             if name not in known:
                 raise self.refusal(f"{self.called} has no field {name}{_meant(name, known)}", field=name)
-        own = {name: value for name, value in changes.items() if name in type(self).model_fields}
-        values = dict(self) | own
-        if inside := {name: value for name, value in changes.items() if name not in own}:
-            values[self.inner] = values[self.inner].changed(**inside)
-        return type(self)(**values)
+        if not inside:
+            return changed
+        return changed.changed(**{self.inner: getattr(changed, self.inner).changed(**inside)})
 
 
 def _changeable(spec: Spec) -> Iterator[str]:
@@ -147,7 +148,15 @@ _COMPLETE = ("missing", "value_error", "union_tag_invalid", "union_tag_not_found
 
 
 def faults(error: ValidationError, kind: type[BaseModel]) -> list[Fault]:
-    """The mistakes that pydantic found in the values of a ``kind`` of spec."""
+    """The mistakes that pydantic found in the values of a spec.
+
+    Parameters
+    ----------
+    error
+        What it raised.
+    kind
+        The spec.
+    """
     return [_fault(found, kind) for found in error.errors(include_url=False)]
 
 
