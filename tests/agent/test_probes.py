@@ -10,15 +10,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sidestep.environment.instances import InstanceSampler
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.train import RoundReport, start, train_round
 from sidestep.crowds.arima import ArimaFlow, load_fitted
-from sidestep.environment.types import EnvParams, Instance, Observation
+from sidestep.environment.types import EnvParams, Instance, Observation, futures_in_turn
 from sidestep.network.graph import road_network
 from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.episodes import InstanceSampler
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.walking.speed_field import speed_field
 
@@ -53,7 +53,8 @@ def probe(x: list[int], streets: Streets, horizon: float = 1e6) -> EnvParams:
     network = road_network(position, tail, head, [METRES] * len(tail))
     minutes = np.array(list(every.values())).T[..., None]  # [future, segment, slot]
     speed = jnp.asarray(METRES / (60 * minutes), jnp.float32)
-    return EnvParams(network, speed_field(speed, 300.0), speed_field(speed[0], 300.0), jnp.float32(horizon))
+    futures = futures_in_turn(speed_field(speed, 300.0), jnp.zeros(1))
+    return EnvParams(network, futures, speed_field(speed[:1], 300.0), jnp.float32(horizon))
 
 
 def learn(config: TrainConfig, params: EnvParams, destination: int, nodes: int) -> tuple[np.ndarray, RoundReport]:
@@ -63,13 +64,14 @@ def learn(config: TrainConfig, params: EnvParams, destination: int, nodes: int) 
         origins=jnp.asarray(origins)[None],
         destinations=jnp.full((1, NODES - 1), destination),
         departures=jnp.zeros(2),
-        futures=jnp.int32(params.futures.count),
+        futures=jnp.arange(FUTURES)[None],
+        counts=jnp.array([FUTURES]),
     )
     walks = [jnp.full(2, number) for number in (0, destination)]
-    tests = Instance(*walks, jnp.zeros(2), jnp.array([0, params.futures.count - 1]))
+    tests = Instance(*walks, jnp.zeros(2), jnp.array([0, FUTURES - 1]))
     # Training takes from a map only its random stream: what it meets is in the environment.
     flow = ArimaFlow(jnp.zeros(params.network.segments), load_fitted())
-    scenario_map = ScenarioMap(params.network, flow, jax.random.key(0), (NODES,))
+    scenario_map = ScenarioMap(params.network, flow, flow, jax.random.key(0), (NODES,))
     state = start(config, scenario("paper-unblocked"), params, anywhere, scenario_map)
     for _ in range(config.rounds):
         state, report = train_round(config, params, anywhere, tests, state)
