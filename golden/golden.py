@@ -145,7 +145,10 @@ def main() -> None:
             continue
         found = differences(plain(json.loads(file.read_text(encoding="utf-8"))), found)
         other = sum(": new: " not in line for line in found)
-        print(f"{name}: {f'{other} differences' if other else 'the same, and new keys' if found else 'the same'}", flush=True)
+        print(
+            f"{name}: {f'{other} differences' if other else 'the same, and new keys' if found else 'the same'}",
+            flush=True,
+        )
         for line in found[:40]:
             print(f"    {line}", flush=True)
 
