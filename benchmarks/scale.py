@@ -40,14 +40,26 @@ from sidestep.scenarios.template import template
 
 TOWNS = {32: (180, 5), 100: (360, 5), 316: (720, 15)}  # side: minutes of the horizon and of a slot
 PAIRS, TURNS = 20, 4
+EVENT_DAY = (  # as in helsinki
+    ("crowding = 1", "crowding = 120"),
+    ("uneven = 0.0", "uneven = 0.5"),
+    ("reach = 150", "reach = 40"),
+    ("streets_per_sensor = 1", "streets_per_sensor = 10"),
+)
 
 
 def invent(folder, side):
     write(folder / "town.osm.pbf", side)
     horizon, slot = TOWNS.get(side, (720, 15))
-    text = template("town").replace('file = "helsinki"', 'file = "town.npz"')
-    text = text.replace("horizon_minutes = 180", f"horizon_minutes = {horizon}")
-    (folder / "scenario.toml").write_text(text.replace("slot_minutes = 5", f"slot_minutes = {slot}"), "utf-8")
+    text = template("town")
+    for default, ours in (
+        ('streets = "helsinki"', 'streets = "town.npz"'),
+        ("horizon_minutes = 180", f"horizon_minutes = {horizon}"),
+        ("slot_minutes = 5", f"slot_minutes = {slot}"),
+        *((f"\n{line}", f"\n{event}") for line, event in EVENT_DAY),
+    ):
+        text = text.replace(default, ours)
+    (folder / "scenario.toml").write_text(text, "utf-8")
     return {}
 
 

@@ -1,16 +1,10 @@
-"""Train a walker on a congested map and print its route beside the best possible one."""
+"""Train a walker on a congested map, and print its route beside the best possible one."""
 
-import jax
+import sidestep
 
-from sidestep import PRESETS, draw_map, instances, make_environment, routes, scenario, train_darp
-from sidestep.planners.time_dependent import Clairvoyant
-
-problem = scenario("paper-congested")
-scenario_map = draw_map(problem, seed=0)
-darp = train_darp(PRESETS["default"], problem, scenario_map)
-
-futures = make_environment(problem, scenario_map, "test", futures=1)  # a future that training never met
-walk = instances(problem, scenario_map, futures, walks=1)
-for planner in (darp, Clairvoyant()):
-    route = routes(planner, futures, walk, jax.random.key(0), trace=50)[0]
-    print(f"{planner.name}: {route.seconds / 60:.0f} min over {' '.join(map(str, route.nodes))}")
+problem = sidestep.scenario("paper-congested")
+run = sidestep.train(problem, sidestep.preset("default"))
+router = sidestep.Router(problem)
+for planner in (sidestep.trained_darp(run.model), "clairvoyant"):
+    plan = router.plan(0, 35, planner=planner)
+    print(f"{plan.planner}: {plan.median_minutes:.0f} min over {' '.join(map(str, plan.nodes))}")

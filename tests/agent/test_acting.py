@@ -11,11 +11,11 @@ from sidestep.agent.acting import ACTING_DRAWS, Transition, act, epsilon, place_
 from sidestep.agent.policy import Policy
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.q_networks import QTable
-from sidestep.environment.types import RewardWeights
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import sampler
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.model import RewardSpec
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def strolls() -> dict[int, Transition]:
     """Transitions, [iteration, walker], of the same walks with returns of one and of three steps."""
     # A reward is minus the minutes that a step takes, and nothing else.
     minutes = scenario(
-        "paper-congested", side=3, crowded_nodes=1, horizon=3600.0, reward=RewardWeights(progress=0.0, bonus=0.0)
+        "paper-congested", side=3, crowded_nodes=1, horizon=3600.0, reward=RewardSpec(progress=0.0, bonus=0.0)
     )
     scenario_map = draw_map(minutes, seed=6)
     params = make_environment(minutes, scenario_map, "learn", 8)

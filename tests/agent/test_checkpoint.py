@@ -13,10 +13,9 @@ from sidestep.agent import checkpoint
 from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS, preset
-from sidestep.agent.problem import learned_place
 from sidestep.agent.train import TrainState, prepare
 from sidestep.scenarios.builtin import BUILT_IN, scenario
-from sidestep.scenarios.maps import draw_training_map, fingerprint
+from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
 
 CONFIG = PRESETS["default"].changed(rounds=3, round_steps=64, walkers=8, batch=16, capacity=256, hidden=(8,))
@@ -31,7 +30,7 @@ UNSEEN = scenario("unseen-maps", side=3, larger=(4,), crowded_nodes=1, training_
 def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: int = 2) -> Checkpoint:
     """A training whose state has random numbers everywhere."""
     drawn = draw_training_map(problem, seed, index)
-    _, state = prepare(config, problem, learned_place(config, problem, drawn))
+    _, state = prepare(config, problem, drawn)
     rng = np.random.default_rng(0)
 
     def shaken(leaf: jax.Array) -> jax.Array:
@@ -42,7 +41,7 @@ def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: 
     learner = jax.tree.map(shaken, state.learner)
     state = eqx.tree_at(lambda s: (s.learner, s.best, s.iteration), state, (learner, learner.target, jnp.int32(8)))
     metadata = Metadata(
-        scenario=problem, seed=seed, map=index, config=config, curve=((7.0, 8.25),), fingerprint=fingerprint(drawn)
+        scenario=problem, seed=seed, map=index, config=config, curve=((7.0, 8.25),), fingerprint=drawn.fingerprint
     )
     return Checkpoint(metadata, state)
 
@@ -141,7 +140,7 @@ def edited(header, part, **changes):
         ("seed", lambda header, numbers: whole(header | {"seed": "x"}, numbers)),
         ("config.colour", lambda header, numbers: whole(edited(header, "config", colour=3), numbers)),
         ("config.gamma", lambda header, numbers: whole(edited(header, "config", gamma=2.0), numbers)),
-        ("config", lambda header, numbers: whole(edited(header, "config", n_step=1_000), numbers)),
+        ("config.n_step", lambda header, numbers: whole(edited(header, "config", n_step=1_000), numbers)),
         ("colour", lambda header, numbers: whole(header | {"colour": "red"}, numbers)),
         ("curve", lambda header, numbers: whole(header | {"curve": 3}, numbers)),
         ("scenario", lambda header, numbers: whole({"format": header["format"]}, numbers)),

@@ -24,11 +24,15 @@ def renewals(monkeypatch: pytest.MonkeyPatch) -> Any:
     scenario_map = draw_map(SMALL, 6)
     params = make_environment(SMALL, scenario_map, "learn", 2)
     made: list[tuple[int, int]] = []
+    asked: list[int] = []
 
-    def sample(_scenario: Any, _map: Any, _params: Any, number: int, futures: int) -> tuple[int, int]:
-        return number, futures
+    def sample(_scenario: Any, _map: Any, _params: Any, number: int, *, futures: int, among: int) -> tuple[int, int]:
+        assert futures == asked[1]
+        return number, among
 
-    def replace(params: EnvParams, fresh: tuple[int, int], first: jax.Array) -> EnvParams:
+    def replace(params: EnvParams, fresh: tuple[int, int], first: jax.Array, *, among: int) -> EnvParams:
+        # Test walks have futures of their own behind these.
+        assert among == fresh[1] == asked[0]
         made.append((fresh[0], int(first)))
         return params
 
@@ -36,6 +40,7 @@ def renewals(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(problem, "replace_futures", replace)
 
     def after(before: int, futures: int, fresh: int) -> list[tuple[int, int]]:
+        asked[:] = futures, fresh
         config = preset("default", "local").changed(rounds=ROUNDS, futures=futures, fresh_futures=fresh)
         with ThreadPoolExecutor(1) as executor:
             rounds = problem.renewed(config, SMALL, scenario_map, params, before, executor)

@@ -15,8 +15,8 @@ from sidestep.agent.config import TrainConfigError
 from sidestep.agent.presets import preset
 from sidestep.agent.runs import TrainingRun, train
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.maps import draw_training_map, fingerprint
-from sidestep.scenarios.model import ScenarioError
+from sidestep.scenarios.maps import draw_training_map
+from sidestep.scenarios.spec import ScenarioError
 
 PROBLEM = scenario("rush-16", side=3, crowded_nodes=1, horizon=3600.0)
 CONFIG = preset("default", "local").changed(
@@ -60,7 +60,7 @@ def test_reports_every_round(straight: Straight) -> None:
     assert run.best_minutes == pytest.approx(min(np.mean(walks) for walks in run.metadata.curve))
     assert (run.metadata.scenario, run.metadata.seed, run.metadata.map) == (PROBLEM, 4, 2)
     assert run.metadata.config == CONFIG
-    assert run.metadata.fingerprint == fingerprint(draw_training_map(PROBLEM, 4, 2))
+    assert run.metadata.fingerprint == draw_training_map(PROBLEM, 4, 2).fingerprint
     assert run.seconds > 0
     assert run.steps_per_second == pytest.approx(16 * run.updates_per_second)
 
@@ -118,7 +118,7 @@ def test_the_same_run_again_compiles_nothing(straight: Straight, caplog: pytest.
 
 
 def test_fresh_futures_are_met(straight: Straight, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(problem, "replace_futures", lambda params, _futures, _first: params)
+    monkeypatch.setattr(problem, "replace_futures", lambda params, *_, **__: params)
     stale = []
     train(PROBLEM, CONFIG, seed=4, index=2, on_round=lambda run: stale.append(whole(run)))
 

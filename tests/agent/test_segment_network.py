@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sidestep.agent.policy import Policy
 from sidestep.agent.segment_network import Places, SegmentQNetwork, segment_network
 from sidestep.environment.dynamics import reset
 from sidestep.environment.observation import at_level, observe
@@ -128,7 +129,7 @@ def test_untrained_it_walks_as_its_levels_greedy_planner(rush, level: str, plann
     small, scenario_map, params = rush
     todo = instances(small, scenario_map, params, 20)
     network = fresh(rush[2].network, level)
-    found = routes(Darp(network, np.zeros((0, 10), np.float32), level), params, todo, KEY, 40)
+    found = routes(Darp(Policy(network), np.zeros((0, 10), np.float32), level), params, todo, KEY, 40)
     assert found == routes(planner, params, todo, KEY, 40)
     assert len({route.nodes for route in found}) > 1
 
@@ -137,7 +138,7 @@ def test_without_potential_it_does_not(rush) -> None:
     small, scenario_map, params = rush
     todo = instances(small, scenario_map, params, 20)
     network = fresh(rush[2].network, "map", potential=False)
-    found = routes(Darp(network, np.zeros((0, 10), np.float32), "map"), params, todo, KEY, 40)
+    found = routes(Darp(Policy(network), np.zeros((0, 10), np.float32), "map"), params, todo, KEY, 40)
     # All are worth the same, so it takes the first exit, up, as far as it goes, and then paces.
     assert {route.nodes[:6] for route in found} == {(0, 4, 8, 12, 8, 12)}
     assert not any(route.arrived for route in found)

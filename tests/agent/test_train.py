@@ -30,6 +30,7 @@ SMALL = TrainConfig(
     optimiser="rmsprop", learning_rate=0.3, learning_rate_end=0.0, decay=0.9, damping=1e-10,
     epsilon=1.0, epsilon_end=0.0, epsilon_share=0.5, random_origins=0.5, keep="best",
 )  # fmt: skip
+ORIGIN, DESTINATION = 0, 8  # corners of three by three nodes
 RING = SMALL.capacity // SMALL.walkers
 
 
@@ -77,10 +78,10 @@ def latest(state: TrainState) -> Any:
     return jax.tree.map(lambda leaf: leaf[first : first + SMALL.walkers], state.replay.items)
 
 
-def truncated(state: TrainState, problem: Scenario) -> np.ndarray:
+def truncated(state: TrainState) -> np.ndarray:
     """Which walkers were cut off in the last iteration: they begin again without having arrived."""
     begun = state.walkers.state.clock == state.walkers.state.instance.departure
-    return begun & (latest(state).observation_t.node != problem.destination)
+    return begun & (latest(state).observation_t.node != DESTINATION)
 
 
 def test_counts_rounds_and_iterations(history: list[tuple[TrainState, RoundReport]]) -> None:
@@ -101,7 +102,7 @@ def test_the_target_is_copied_every_k_iterations(states: list[TrainState]) -> No
         assert eqx.tree_equal(after.learner.target, after.learner.q_network if copied else before.learner.target)
 
 
-def test_what_the_replay_holds_happened(states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap) -> None:
+def test_what_the_replay_holds_happened(states: list[TrainState], scenario_map: ScenarioMap) -> None:
     for before, after in pairwise(states):
         seen = latest(after)
         assert eqx.tree_equal(seen.observation_tm1, before.walkers.observation)
@@ -109,30 +110,30 @@ def test_what_the_replay_holds_happened(states: list[TrainState], problem: Scena
             np.asarray(scenario_map.network.exit_node)[seen.observation_tm1.node, seen.a_tm1], seen.observation_t.node
         )
         # Who is still on the way stands where the transition ended; the others have begun anew.
-        over = (seen.observation_t.node == problem.destination) | truncated(after, problem)
+        over = (seen.observation_t.node == DESTINATION) | truncated(after)
         np.testing.assert_array_equal(after.walkers.observation.node[~over], seen.observation_t.node[~over])
         assert (after.walkers.state.clock[~over] > before.walkers.state.clock[~over]).all()
         assert (after.walkers.state.clock[over] == 0).all()
 
 
-def test_arriving_ends_the_future_and_the_horizon_does_not(states: list[TrainState], problem: Scenario) -> None:
+def test_arriving_ends_the_future_and_the_horizon_does_not(states: list[TrainState]) -> None:
     arrived = cut = 0
     for state in states:
-        seen, cut_off = latest(state), truncated(state, problem)
-        at_destination = seen.observation_t.node == problem.destination
+        seen, cut_off = latest(state), truncated(state)
+        at_destination = seen.observation_t.node == DESTINATION
         np.testing.assert_allclose(seen.discount_t, np.where(at_destination, 0, 0.9), rtol=1e-6)
         arrived, cut = arrived + at_destination.sum(), cut + cut_off.sum()
     assert arrived > 0
     assert cut > 0  # walks were cut off, and the line above found the 0.9 beside them
 
 
-def test_reward_is_minutes_and_progress(states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap) -> None:
+def test_reward_is_minutes_and_progress(states: list[TrainState], scenario_map: ScenarioMap) -> None:
     position = np.asarray(scenario_map.network.position)
-    far = np.linalg.norm(position - position[problem.destination], axis=1)
+    far = np.linalg.norm(position - position[DESTINATION], axis=1)
     for before, after in pairwise(states):
         seen = latest(after)
-        arrived = seen.observation_t.node == problem.destination
-        going = ~arrived & ~truncated(after, problem)
+        arrived = seen.observation_t.node == DESTINATION
+        going = ~arrived & ~truncated(after)
         minutes = (after.walkers.state.clock - before.walkers.state.clock)[going] / 60
         progress = (far[seen.observation_tm1.node] - far[seen.observation_t.node])[going]
         np.testing.assert_allclose(seen.r_t[going], 1e-3 * progress - minutes, rtol=1e-3, atol=1e-3)
@@ -167,7 +168,7 @@ def test_epsilon_falls_as_configured(states: list[TrainState]) -> None:
         assert abs(np.sum(happened) - chance.sum()) < 4 * np.sqrt((chance * (1 - chance)).sum())
 
 
-def test_walks_begin_anywhere_for_the_configured_share(states: list[TrainState], problem: Scenario) -> None:
+def test_walks_begin_anywhere_for_the_configured_share(states: list[TrainState]) -> None:
     def origins(some: list[TrainState]) -> set[int]:
         begun = [state.walkers.state.clock == 0 for state in some]
         return set(
@@ -176,8 +177,8 @@ def test_walks_begin_anywhere_for_the_configured_share(states: list[TrainState],
             ).tolist()
         )
 
-    assert origins(states[:10]) == set(range(9)) - {problem.destination}
-    assert origins(states[10:]) == {problem.origin}
+    assert origins(states[:10]) == set(range(9)) - {DESTINATION}
+    assert origins(states[10:]) == {ORIGIN}
 
 
 def test_the_best_network_is_that_of_the_shortest_tests(history: list[tuple[TrainState, RoundReport]]) -> None:

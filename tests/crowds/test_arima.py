@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -15,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 from statsmodels.tsa.arima.model import ARIMA  # type: ignore[import-untyped]
 
 from sidestep.crowds import arima
-from sidestep.crowds.arima import Arima
+from sidestep.crowds.arima import Arima, ArimaFlow, SeriesError
 
 ROOT = Path(__file__).parents[2]
 
@@ -165,24 +166,25 @@ def test_the_data_choose_d(noise: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(
-    ("series", "message"),
+    ("series", "says"),
     [
-        (np.arange(10.0), "has 10 values; at least 40"),
-        (np.full(100, np.nan), "has 0 values"),
-        (np.full(100, 5.0), "does not vary"),
-        (np.arange(100.0), "does not vary after differencing 1 times"),
+        (np.arange(10.0), "10 values"),
+        (np.full(100, np.nan), "0 values"),
+        (np.full(100, 5.0), "0 times"),
+        (np.arange(100.0), "1 times"),
         (np.array([np.inf] * 100), "infinite"),
     ],
 )
-def test_hopeless_series(series: np.ndarray, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_hopeless_series(series: np.ndarray, says: str) -> None:
+    with pytest.raises(SeriesError, match=says):
         arima.fit_arima(series)
 
 
 @pytest.mark.parametrize("order", [(-1, 0, 0), (0, 0, -1), (1, 3, 0), (1, -1, 0)])
 def test_impossible_orders(order: tuple[int, int, int]) -> None:
-    with pytest.raises(ValueError, match="must not be negative"):
+    with pytest.raises(SeriesError) as caught:
         arima.fit_arima(np.random.default_rng(0).normal(size=100), *order)
+    assert caught.value.field == "order"
 
 
 def test_statistics_of_a_simulated_series() -> None:
@@ -251,20 +253,69 @@ def test_twelve_steps_of_five_minutes_make_the_hour(phi: float, sigma: float) ->
 
 
 @pytest.mark.parametrize(
-    ("other", "step", "message"),
+    ("other", "step", "field"),
     [
-        (model([0.5, 0.1]), 300.0, "keeps its form"),
-        (model([0.5], [0.1]), 300.0, "keeps its form"),
-        (model([0.5], d=1), 300.0, "keeps its form"),
-        (model([-0.5]), 300.0, "between 0 and 1"),
-        (model([1.0]), 300.0, "between 0 and 1"),
-        (model([0.5]), 0.0, "positive number of seconds"),
-        (model([0.5]), float("nan"), "positive number of seconds"),
+        (model([0.5, 0.1]), 300.0, "order"),
+        (model([0.5], [0.1]), 300.0, "order"),
+        (model([0.5], d=1), 300.0, "order"),
+        (model([-0.5]), 300.0, "ar"),
+        (model([1.0]), 300.0, "ar"),
+        (model([0.5]), 0.0, "step"),
+        (model([0.5]), float("nan"), "step"),
     ],
 )
-def test_no_other_step(other: Arima, step: float, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_no_other_step(other: Arima, step: float, field: str) -> None:
+    with pytest.raises(SeriesError) as caught:
         arima.change_step(other, step)
+    assert caught.value.field == field
+
+
+# --- Crowds on a network --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def flow() -> ArimaFlow:
+    return ArimaFlow(jnp.array([200.0, 900]), model([0.8], mean=300, sigma=50, step=300.0))
+
+
+@partial(jax.jit, static_argnames="slots")
+def ahead(flow: ArimaFlow, now: jax.Array, slots: int = 4) -> jax.Array:
+    return flow.ahead(now, jnp.float32(0), jnp.int32(9), slots)
+
+
+@partial(jax.jit, static_argnames="slots")
+def expected(flow: ArimaFlow, slots: int = 4) -> jax.Array:
+    return flow.expected(jnp.zeros(3), slots).volume
+
+
+def test_ahead_is_the_forecast(flow: ArimaFlow) -> None:
+    now = jnp.array([100.0, 800])
+    found = ahead(flow, now)
+    # 300 - 200 * .8^k and 300 + 500 * .8^k
+    np.testing.assert_allclose(found, [[100, 800], [140, 700], [172, 620], [197.6, 556]], rtol=1e-6)
+    np.testing.assert_allclose(found[1:], arima.forecast(flow.model, now[None], 3), rtol=1e-6)
+    # from the counts at clock 0 it is what was expected then
+    np.testing.assert_allclose(ahead(flow, flow.initial), expected(flow)[0], rtol=1e-6)
+
+
+def test_crowds_start_at_their_volumes_and_never_leave_a_segment_empty(flow: ArimaFlow) -> None:
+    field = flow.draw(jax.random.key(0), jnp.zeros(5), 3)
+    assert (field.volume.shape, field.slot_seconds) == ((5, 3, 2), 300)
+    assert field.volume[:, 0].tolist() == [[200, 900]] * 5
+    assert len(set(field.volume[:, 1, 0].tolist())) == 5
+    assert expected(ArimaFlow(jnp.zeros(2), flow.model))[0, 0].tolist() == [1, 1]
+
+
+def test_crowds_know_no_hours_and_have_one_expected_field(flow: ArimaFlow) -> None:
+    assert expected(flow).shape == (1, 4, 2)
+    assert not flow.timed
+    assert flow.covers(100.0)
+
+
+def test_stationary_paths_by_hand() -> None:
+    # .6 and sqrt(1 - .6^2) = .8; phi of each series: .6 * 1 + .8 * 2 = 2.2, .8 * 1 + .6 * 2 = 2
+    path = arima.stationary_ar1(jnp.array([0.6, 0.8]), jnp.ones((1, 2)), jnp.full((1, 1, 2), 2.0))
+    np.testing.assert_allclose(path, [[[1, 1], [2.2, 2]]], rtol=1e-6)
 
 
 # --- The shipped model ----------------------------------------------------------------------------------------------
@@ -296,5 +347,6 @@ def test_the_shipped_model() -> None:
     assert float(m.ar[0]) == pytest.approx(0.87, abs=0.01)
     assert float(m.sigma) == pytest.approx(224, abs=1)
     assert (m.ma.shape, m.d, m.step) == ((0,), 0, 3600)
-    with pytest.raises(ValueError, match="no fitted model named 'shanghai'; there is auckland"):
+    with pytest.raises(SeriesError, match="auckland") as caught:
         arima.load_fitted("shanghai")
+    assert caught.value.field == "name"

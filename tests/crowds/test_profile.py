@@ -1,5 +1,7 @@
 """The hour-of-week profile by hand, fitted to a series made from one, and in its limits."""
 
+from datetime import datetime
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,19 +11,29 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sidestep.crowds import profile
-from sidestep.crowds.arima import Arima
+from sidestep.crowds.arima import Arima, SeriesError
 from sidestep.crowds.profile import HourOfWeekProfile
 
 
 def known(phi: float = 0.5, sigma: float = 0.2, step: float = 3600.0) -> HourOfWeekProfile:
-    """Usual count of hour h of the week: h persons."""
+    """The expected count of hour h of the week is h persons."""
     residual = Arima(ar=jnp.array([phi]), ma=jnp.zeros(0), mean=jnp.array(0.0), sigma=jnp.array(sigma), d=0, step=step)
-    return HourOfWeekProfile(usual=jnp.log1p(jnp.arange(168.0)), residual=residual)
+    return HourOfWeekProfile(expected=jnp.log1p(jnp.arange(168.0)), residual=residual)
 
 
 def test_hours_of_the_week() -> None:
     times = np.array(["2024-01-01T00", "2024-01-02T05", "2024-01-07T23", "2024-01-08T00"], dtype="datetime64[h]")
     assert profile.hour_of_week(times).tolist() == [0, 29, 167, 0]  # 1 January 2024 is a Monday
+
+
+def test_times_of_the_week() -> None:
+    assert profile.time_of_week(datetime.fromisoformat("2025-05-24T12:30")) == 132.5
+    assert profile.time_of_week(datetime.fromisoformat("2025-05-26T00:00:36")) == 0.01
+    assert [profile.day_and_time(hour) for hour in (132.5, 0.01, 167.999)] == [
+        "Saturday 12:30",
+        "Monday 00:01",
+        "Monday 00:00",
+    ]
 
 
 def test_forecast_by_hand() -> None:
@@ -68,17 +80,17 @@ def test_fit_finds_the_model_a_series_was_made_from() -> None:
     series = np.array(made, dtype=np.float64)
     series[500:700] = np.nan
     fitted = profile.fit_profile(times, series)
-    # hour 0 usually counts nobody, and half of its residuals are cut off at zero
-    np.testing.assert_allclose(fitted.usual[1:], truth.usual[1:], atol=0.06)
+    # in hour 0 nobody is expected, and half of its residuals are cut off at zero
+    np.testing.assert_allclose(fitted.expected[1:], truth.expected[1:], atol=0.06)
     assert float(fitted.residual.ar[0]) == pytest.approx(0.6, abs=0.03)
     assert float(fitted.residual.sigma) == pytest.approx(0.1, rel=0.05)
 
 
 def test_fit_needs_every_hour_of_the_week() -> None:
     times = np.datetime64("2024-01-01T00", "h") + np.arange(100) * np.timedelta64(1, "h")
-    with pytest.raises(ValueError, match="68 hours of the week have no count, the first is hour 100"):
+    with pytest.raises(SeriesError, match="68 hours of the week have no count, the first is Friday 04:00"):
         profile.fit_profile(times, np.ones(100))
-    with pytest.raises(ValueError, match="hourly and without gaps"):
+    with pytest.raises(SeriesError, match="without gaps"):
         profile.fit_profile(times[::2], np.ones(50))
 
 

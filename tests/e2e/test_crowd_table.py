@@ -3,23 +3,27 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from sidestep.agent.presets import preset_for
-from sidestep.crowds.crowd_table import load_crowd_table, read_table, save_crowd_table
-from sidestep.crowds.table import TableFlow
+from sidestep.crowds.crowd_table import load_crowd_table, save_crowd_table
+from sidestep.crowds.table_flow import TableFlow
+from sidestep.crowds.table_reader import read_table
 from sidestep.evaluation.compare import compare
-from sidestep.network.formats import save_town
+from sidestep.network.formats import load_town, save_town
 from sidestep.network.town import Town
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.model import Scenario, ScenarioError, Venue
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.places import CrowdTable, Venue
 from sidestep.scenarios.reader import load_scenario
+from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.tables import import_table
 
 SIDE = 4
 
@@ -86,23 +90,30 @@ def test_people_are_told_what_was_filled(folder: Path) -> None:
         "1 of 48 segments in 3 slots of 2 min",
         "gap",
         "not mentioned",
-        "nothing here: seen",
+        "here: seen",
         "2.40",
     ):
         assert said in done.stdout
-    (folder / "slow.csv").write_text("segment,slot,speed\n0,0,0.01\n1,0,0.1\n2,0,0.2\n")
-    for law, slower in (("weidmann", 1), ("power-capped", 2)):  # their lowest speeds are .05 and 1.34 12^-.8 = .184
-        done = run(folder, "slow.csv", "--out", "slow.npz", "--law", law)
-        assert f"(speeds by the law {law}, {slower} below its lowest)" in done.stdout
     assert load_crowd_table(folder / "gap.npz").value.tolist() == [[400], [600], [800]]
+
+
+def test_speeds_below_the_lowest_of_a_law_are_counted(folder: Path) -> None:
+    (folder / "slow.csv").write_text("segment,slot,speed\n0,0,0.01\n1,0,0.1\n2,0,0.2\n")
+    done = run(folder, "slow.csv", "--out", "slow.npz", "--law", "power-capped")
+    assert "power-capped, 2 below" in done.stdout
+    # The lowest speeds are .05 and 1.34 12^-.8 = .184.
+    town = load_town(folder / "town.npz")
+    for law, slower in (("weidmann", 1), ("power-capped", 2)):
+        _, report = import_table(folder / "slow.csv", town, law=law)
+        assert (report.law, report.slower_than_law) == (law, slower)
 
 
 @pytest.mark.parametrize(
     ("text", "args", "said"),
     [
-        ("segment,slot,volume\n0,0,1\n0,1,-1\n", (), "bad.csv: line 3, column volume: '-1' is negative"),
-        ("segment,slot,volume\n0,0,1\n", ("--slot", "0"), "--slot must be a positive number of minutes, not 0"),
-        ("segment,slot,volume\n0,0,1\n", ("--out", "bad.csv"), "give a name that ends so"),
+        ("segment,slot,volume\n0,0,1\n0,1,-1\n", (), "bad.csv: line 3"),
+        ("segment,slot,volume\n0,0,1\n", ("--slot", "0"), "--slot"),
+        ("segment,slot,volume\n0,0,1\n", ("--out", "bad.csv"), ".npz"),
     ],
 )
 def test_bad_input_is_one_sentence(folder: Path, text: str, args: tuple[str, ...], said: str) -> None:
@@ -113,46 +124,50 @@ def test_bad_input_is_one_sentence(folder: Path, text: str, args: tuple[str, ...
     assert not (folder / "bad.npz").exists()
 
 
-def at_table(folder: Path, **changes: object) -> Scenario:
-    files = {"streets": str(folder / "town.npz"), "counts": str(folder / changes.pop("counts", "made.npz"))}
-    venue = Venue(**{**files, "days": (5,), "hours": (12, 15), **changes})
-    return replace(scenario("helsinki"), name="table", venue=venue)
+def at_table(folder: Path, file: str = "made.npz", **changes: object) -> Scenario:
+    venue = Venue(
+        streets=str(folder / "town.npz"), crowd_source=CrowdTable(file=str(folder / file)), days=(5,), hours=(12, 15)
+    )
+    return scenario("helsinki").changed(name="table", place=venue, **changes)
 
 
 def test_a_scenario_file_names_a_table(folder: Path) -> None:
     file = folder / "tabled.toml"
     text = """
-[demand]
-noise = [0.5, 0.1]
+[place]
+streets = "town.npz"
 days = ["Sat"]
 hours = [12, 15]
-[network]
-file = "town.npz"
-[counts]
+[place.crowd_source]
+kind = "crowd_table"
 file = "made.npz"
+noise = [0.5, 0.1]
 """
     file.write_text(text)
     problem = load_scenario(file)
-    assert problem.venue == at_table(folder, noise=(0.5, 0.1)).venue
-    assert not problem.sensed
+    assert problem.place == at_table(folder, noise=(0.5, 0.1)).place
+    assert not problem.place.interpolated
     assert isinstance(draw_map(problem, 0).flow, TableFlow)
     # Of 16 crossings one is where a walk begins and one is spared.
-    assert preset_for(problem, "default").goals == 14
-    file.write_text(text.replace("[counts]", "[counts]\nplaces = 3"))
-    with pytest.raises(ScenarioError, match=r"tabled.toml: line 9: .*places means nothing to a table of crowds"):
-        load_scenario(file)
-    file.write_text(text.replace("made.npz", "town.npz"))
-    with pytest.raises(ScenarioError, match=r"tabled.toml: line 9: .*town.npz"):
-        load_scenario(file)
+    assert preset_for(problem, "default").destinations == 14
+    for wrong, line, field in (
+        (text + "streets_per_sensor = 3", 10, "place.crowd_source.streets_per_sensor"),
+        (text.replace("made.npz", "town.npz"), 8, "place.crowd_source.file"),
+    ):
+        file.write_text(wrong)
+        with pytest.raises(ScenarioError) as caught:
+            load_scenario(file)
+        assert (caught.value.line, caught.value.field) == (line, field)
 
 
 def test_walks_through_a_table(folder: Path) -> None:
     problem = at_table(folder)
     place = draw_map(problem, 0)
     assert isinstance(place.flow, TableFlow)
-    assert place.recorded is None
-    there = place.beginning([132.0, 133.0])
-    first, second = np.asarray(there.flow.expected(2).density(place.network))[:, 0, :3]
+    assert place.test_flow is place.flow
+    assert place.sensors == ()
+    hours = jnp.array([132.0, 133.0])
+    first, second = np.asarray(place.flow.expected(hours, 2).density(place.network))[:, 0, :3]
     assert first == pytest.approx([0, 3.70808, 3.70808], rel=1e-4)
     assert second == pytest.approx([3.70808, 3.70808, 0], rel=1e-4)
     chosen = choose_planners(problem, ["snapshot", "forecast"]).factories
@@ -165,19 +180,15 @@ def test_walks_through_a_table(folder: Path) -> None:
 
 
 def test_venues_that_do_not_fit_their_table(folder: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"covers 4 hours from Saturday 12:00 on, .* on Monday at 10:00"):
-        draw_map(at_table(folder, days=(0, 5), hours=(10, 15)), 0)
-    with pytest.raises(ScenarioError, match=r"slots of 3600 s are shorter than the scenario's of 7200 s"):
-        draw_map(replace(at_table(folder), slot_seconds=7200.0), 0)
-    empty = replace(load_crowd_table(folder / "made.npz"), quantity="volume", value=np.zeros((4, 48), np.float32))
-    save_crowd_table(empty, folder / "empty.npz")
-    with pytest.raises(ScenarioError, match="the law power has no speed where nobody walks"):
-        draw_map(replace(at_table(folder, counts="empty.npz"), law="power"), 0)
-    with pytest.raises(ScenarioError, match="pairing means nothing to a table of crowds"):
-        at_table(folder, pairing=1)
-    with pytest.raises(ScenarioError, match="noise means nothing to counts of sensors"):
-        Venue(noise=(0.5, 0.1))
-    with pytest.raises(ScenarioError, match="noise needs a memory"):
-        at_table(folder, noise=(1.0, 0.1))
+    for changes, field in (
+        (dict(days=(0, 5), hours=(10, 15)), "place.hours"),  # it covers four hours of Saturday
+        (dict(slot_seconds=7200.0), "slot_seconds"),  # its own are of an hour
+    ):
+        with pytest.raises(ScenarioError) as caught:
+            draw_map(at_table(folder, **changes), 0)
+        assert caught.value.field == field
+    with pytest.raises(ScenarioError) as caught:
+        at_table(folder, law="power")
+    assert caught.value.field == "law"
     with pytest.raises(ValueError, match="a town of 48 segments, but this one has 3414"):
         draw_map(at_table(folder, streets="helsinki"), 0)

@@ -39,10 +39,10 @@ def test_a_new_scenario_runs_as_it_is_and_bad_ones_are_refused(sidestep, tmp_pat
     assert found["planners"]["shortest-path"]["arrival_rate"] == 1
 
     before = file.read_text()
-    assert "my-town is there already" in one_sentence(sidestep("new", "my-town", cwd=tmp_path))
+    assert "my-town exists already" in one_sentence(sidestep("new", "my-town", cwd=tmp_path))
     assert file.read_text() == before
 
-    file.write_text(before.replace("reach = 40", "reach = 'far'"))
-    line = 1 + before[: before.index("reach = 40")].count("\n")
+    file.write_text(before.replace("\nreach = 150", "\nreach = 'far'"))
+    line = 2 + before[: before.index("\nreach = 150")].count("\n")
     sentence = one_sentence(sidestep("compare", "my-town/scenario.toml", *walks, cwd=tmp_path))
-    assert f"my-town/scenario.toml: line {line}: demand.reach must be a number, not 'far'" in sentence
+    assert f"my-town/scenario.toml: line {line}: place.crowd_source.reach " in sentence

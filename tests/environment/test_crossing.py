@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sidestep.environment.cost_to_go import Ahead, expected_cost_to_go, live_cost_to_go
-from sidestep.environment.crossing import cross, crossings
+from sidestep.environment.crossing import as_expected, cross, crossings
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.rollout import walk
 from sidestep.environment.types import EnvParams, futures_in_turn
@@ -21,6 +21,7 @@ from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.model import ObjectiveSpec
 from sidestep.walking.objective import PENALTY_SECONDS, Objective, TravelTime, WeightedObjective
 from sidestep.walking.speed_field import SpeedField, speed_field
 from sidestep.walking.waits import Waits
@@ -82,6 +83,18 @@ def test_the_objective_decides_the_way(steady, make_instance) -> None:
     # At 0 s there are more than 1.5 persons/m² by node 1.
     assert way(WeightedObjective(max_density=1.5)) == ([2, 3], 400)
     assert way(WeightedObjective(max_density=2.5)) == ([0, 1], 300)
+
+
+def test_crowds_that_come_as_expected(steady) -> None:
+    # Two futures for two destinations, with other crowds than are expected; lights are at their mean wait.
+    speeds = speed_field(jnp.full((2, 8, 2), 0.5), SLOT, jnp.full((2, 8, 2), 3.0))
+    none = jnp.zeros(8)
+    waits = Waits(none + 1, none, none + 90, none + 30, none, jnp.zeros(24), 8.0)
+    params = as_expected(replace(steady, futures=futures_in_turn(speeds, jnp.array([7.0, 30.0])), waits=waits))
+    assert (params.futures.count, params.futures.hour.tolist()) == (1, [7])
+    # 20 s of waiting and 100 s of walking among 2 persons/m² till 100 s, then among 1
+    one = cross(params, jnp.int32(0), jnp.int32(0), jnp.float32(0))
+    assert (float(one.seconds), float(one.measures["exposure"])) == (120, 220)
 
 
 def test_rewards_and_tallies_are_of_costs(steady, make_instance) -> None:
@@ -162,11 +175,10 @@ def test_lights_and_crowds_are_both_in_what_live_walkers_reckon(diamond, make_in
 
 @pytest.mark.parametrize(
     "objective",
-    [WeightedObjective(max_density=1.0), WeightedObjective(exposure=10.0), WeightedObjective(time=0.01, exposure=1.0)],
+    [ObjectiveSpec(max_density=1.0), ObjectiveSpec(exposure=10.0), ObjectiveSpec(time=0.01, exposure=1.0)],
 )
-def test_nobody_beats_the_clairvoyant_even_where_it_pays_to_walk_to_and_fro(objective: Objective) -> None:
-    problem = scenario("paper-congested", side=4, crowded_nodes=3, horizon=8 * 3600.0)
-    problem = replace(problem, objective=objective)
+def test_nobody_beats_the_clairvoyant_even_where_it_pays_to_walk_to_and_fro(objective: ObjectiveSpec) -> None:
+    problem = scenario("paper-congested", side=4, crowded_nodes=3, horizon=8 * 3600.0, objective=objective)
     place = draw_map(problem, 0)
     params = make_environment(problem, place, "test", 12, level="map")
     todo = instances(problem, place, params, 12)

@@ -1,4 +1,4 @@
-"""Whatever the file, there is a sound table of crowds or one sentence; and what was written comes back."""
+"""Any file gives a sound table of crowds or one sentence; what was written comes back."""
 
 import math
 import tempfile
@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pyarrow import parquet
 
-from sidestep.crowds.crowd_table import MOST_CELLS, load_crowd_table, read_table, save_crowd_table
-from sidestep.crowds.table import TableFlow
-from sidestep.crowds.table_columns import TableError
+from sidestep.crowds.crowd_table import MOST_CELLS, TableError, load_crowd_table, save_crowd_table
+from sidestep.crowds.table_flow import TableFlow
+from sidestep.crowds.table_reader import read_table
 from sidestep.network.town import Town
 
 SUFFIXES = [".csv", ".parquet", ".npz"]
@@ -90,18 +90,21 @@ def test_csv_and_parquet_bring_back_what_was_written(folder, town: Town, entries
         assert (again.begins, again.slot_seconds) == (found.begins, found.slot_seconds)
 
 
+AHEAD = jax.jit(TableFlow.ahead, static_argnums=4)
+
+
 @settings(max_examples=20)
 @given(
-    usual=arrays(np.float32, (3, 2), elements=st.floats(0, 1e6, width=32, allow_subnormal=False)),
+    volume=arrays(np.float32, (3, 2), elements=st.floats(0, 1e6, width=32, allow_subnormal=False)),
     seed=st.integers(0, 9),
 )
-def test_crowds_without_noise_are_the_table(usual: np.ndarray, seed: int) -> None:
-    flow = TableFlow(jnp.asarray(usual), 300.0, 0.9, 0.0, 300.0)
-    drawn = np.asarray(flow.draw(jax.random.key(seed), 2, len(usual)).volume)
-    np.testing.assert_array_equal(drawn, np.stack([usual, usual]))
-    np.testing.assert_array_equal(flow.expected(len(usual)).volume, usual)
-    ahead = flow.ahead(jnp.asarray(usual[0]), jnp.int32(0), len(usual))
-    np.testing.assert_allclose(ahead, usual, rtol=1e-5)
+def test_crowds_without_noise_are_the_table(volume: np.ndarray, seed: int) -> None:
+    flow, slots = TableFlow(jnp.asarray(volume), 300.0, 0.9, 0.0, 300.0), len(volume)
+    drawn = np.asarray(flow.draw(jax.random.key(seed), jnp.zeros(2), slots).volume)
+    np.testing.assert_array_equal(drawn, np.stack([volume, volume]))
+    np.testing.assert_array_equal(flow.expected(jnp.zeros(1), slots).volume[0], volume)
+    ahead = AHEAD(flow, jnp.asarray(volume[0]), jnp.float32(0), jnp.int32(0), slots)
+    np.testing.assert_allclose(ahead, volume, rtol=1e-5)
 
 
 # --- Damaged files --------------------------------------------------------------------------------------------------

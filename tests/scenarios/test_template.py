@@ -69,6 +69,13 @@ def test_it_names_every_field(made) -> None:
     assert found.reward == BUILT_IN["helsinki"].reward
 
 
+def test_the_page_names_every_field() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text("utf-8")
+    for kind in (ScenarioFile, VenueFile, CountersFile, CrowdTableFile, Traffic, ObjectiveSpec, RewardSpec):
+        for name, field in kind.model_fields.items():
+            assert re.search(rf"[`.\[]{field.alias or name}\b", page), name
+
+
 def test_what_is_there_is_left_alone(tmp_path) -> None:
     (tmp_path / "there").mkdir()
     with pytest.raises(OutputError, match="there exists already"):

@@ -21,6 +21,7 @@ from sidestep.files import reason, whole_file
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.spec import faults
 
 FORMAT: Literal[5] = 5
 MODEL = "model.eqx"
@@ -35,7 +36,7 @@ class CheckpointError(SidestepError):
 class Metadata(BaseModel):
     """What a model was trained on, how, and how its greedy test walks went: the first line of each file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     format: Literal[5] = FORMAT
     """Of the files; other versions of the program may have others."""
@@ -189,9 +190,8 @@ def _read(folder: Path, name: str, template: Callable[[Metadata], Tree]) -> tupl
             metadata = Metadata.model_validate_json(header)
             return metadata, eqx.tree_deserialise_leaves(file, template(metadata))
         except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(map(str, first["loc"]))
-            raise CheckpointError(f"{path} is damaged: {field}: {first['msg']}", field=field) from error
+            place, said = faults(error, Metadata)[0]
+            raise CheckpointError(f"{path} is damaged: {said}", field=".".join(place)) from error
         except SidestepError:
             raise
         except Exception as error:  # whatever a damaged file makes the reader say

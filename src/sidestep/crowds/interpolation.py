@@ -1,4 +1,4 @@
-"""How what a few sensors count spreads along the streets to all others."""
+"""Interpolation of densities from a few sensors to all segments, along the streets."""
 
 import math
 
@@ -11,23 +11,25 @@ from scipy.sparse.csgraph import dijkstra
 
 from sidestep.network.graph import NetworkError, RoadNetwork
 
-NEAR = 4  # sensors that a segment listens to
-FADED = 6.0  # reaches beyond which a sensor is not heard: exp(-6) is a quarter of a per cent
+NEAR = 4  # sensors with a weight on one segment
+FADED = 6.0  # reaches beyond which a sensor has no weight: exp(-6) is a quarter of a per cent
 
 
 class InterpolationWeights(eqx.Module):
-    """The sensors that each segment listens to, and how much; unused places have weight 0."""
+    """The nearest sensors of each segment and their weights."""
 
     sensor: Int[Array, "*segment near"]
-    weight: Float[Array, "*segment near"]  # they sum up to 1 at most
+    """Numbers of the sensors."""
+    weight: Float[Array, "*segment near"]
+    """Their weights, which add up to 1 at most; 0 where there are fewer sensors."""
 
     def of(self, segment: Int[Array, "*n"]) -> "InterpolationWeights":
-        """Weights of some segments only."""
+        """The weights of some segments only."""
         return InterpolationWeights(self.sensor[segment], self.weight[segment])
 
     def everywhere(self, sensed: Float[Array, "*lead sensor"]) -> Float[Array, "*lead segment"]:
-        """What is sensed, spread to all segments."""
-        # One sensor of each segment after the other: all at once would hold `near` times the result.
+        """Densities on all segments from those at the sensors."""
+        # One sensor of each segment after the other: all at once would take `near` times the memory of the result.
         return sum(
             (sensed[..., self.sensor[:, k]] * self.weight[:, k] for k in range(self.sensor.shape[1])),
             start=jnp.float32(0),
@@ -37,28 +39,32 @@ class InterpolationWeights(eqx.Module):
 def interpolation_weights(
     network: RoadNetwork, segment: Int[np.ndarray, " sensor"], reach: float
 ) -> InterpolationWeights:
-    """Let the crowd of each sensor fade along the streets around it.
+    """Let the density at each sensor fade along the streets around it.
 
-    A segment whose middle is d metres of walking from a sensor, in whichever direction is shorter, takes exp(-d/reach)
-    of that sensor's density, from the ``NEAR`` nearest ones. Where these shares sum up to more than one they are
-    divided by their sum; where they do not, fewer people walk than at any sensor.
+    A segment whose middle is d metres of walking from a sensor, in the shorter direction, takes exp(-d/reach) of that
+    sensor's density, from the ``NEAR`` nearest sensors. Weights that add up to more than one are divided by their sum;
+    where they add up to less, fewer people walk than at any sensor.
 
     Parameters
     ----------
+    network
+        The streets.
     segment
-        Where each sensor stands. What stands on one direction of a street is on the other as well.
+        The segment on which each sensor stands; a sensor counts both directions of its street.
     reach
-        Metres, positive.
+        Metres after which a density has faded to 1/e, positive.
 
     Raises
     ------
     NetworkError
-        Sensors on segments that there are not, no sensor, a reach that is not positive.
+        No sensor, a segment outside the network, or a reach that is not positive.
     """
     if not len(segment) or segment.min() < 0 or segment.max() >= network.segments:
-        raise NetworkError(f"sensors must stand on segments 0 to {network.segments - 1}, not {segment.tolist()}")
+        raise NetworkError(
+            f"sensors must stand on segments 0 to {network.segments - 1}, not {segment.tolist()}", field="segment"
+        )
     if not 0 < reach < math.inf:
-        raise NetworkError(f"the reach of a sensor must be a positive number of metres, not {reach}")
+        raise NetworkError(f"the reach of a sensor must be a positive number of metres, not {reach}", field="reach")
     away = walking_distances(network, segment, FADED * reach)
     near = min(NEAR, len(segment))
     nearest = np.argsort(away, axis=0, kind="stable")[:near].T
@@ -71,13 +77,13 @@ def interpolation_weights(
 def walking_distances(
     network: RoadNetwork, segment: Int[np.ndarray, " sensor"], limit: float = math.inf
 ) -> Float[np.ndarray, "sensor segment"]:
-    """Metres from the middle of some segments to the middles of all, infinity beyond the limit.
+    """Metres from the middles of some segments to the middles of all; infinity beyond the limit.
 
-    Streets are walked in both directions here, since crowds do: only pedestrians' one-way streets differ.
+    Crowds walk every street in both directions, one-way or not.
     """
     tail, head, length = (np.asarray(part) for part in (network.tail, network.head, network.length))
     low, high = np.minimum(tail, head), np.maximum(tail, head)
-    # Of parallel segments the shortest counts; a sparse matrix would add them up.
+    # Of parallel segments the shortest counts; a sparse matrix would add up their lengths.
     order = np.lexsort((length, high, low))
     first = np.ones(len(order), bool)
     first[1:] = (np.diff(low[order]) != 0) | (np.diff(high[order]) != 0)

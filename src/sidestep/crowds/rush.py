@@ -1,28 +1,36 @@
-"""Crowds that come and go within hours: every street has its own rush hours, and noise that outlasts a few slots."""
+"""Synthetic crowds that come and go within hours: every street has its own rush hours, and noise that lasts."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
+from sidestep.crowds.arima import stationary_ar1
 from sidestep.crowds.base import FlowField, FlowModel
 
 
 class RushFlow(FlowModel):
     """Volume = base · exp(amplitude · sin(2πt/period + phase)) · exp(noise).
 
-    The noise of a segment is a stationary AR(1) with coefficient ``phi`` from slot to slot and standard deviation
-    ``sigma``, its innovations independent of all other segments'.
+    The noise of each segment is a stationary AR(1), independent of all others.
     """
 
-    base: Float[Array, " segment"]  # persons
+    base: Float[Array, " segment"]
+    """Persons, without waves or noise."""
     amplitude: Float[Array, " segment"]
-    phase: Float[Array, " segment"]  # radians
-    period: float = eqx.field(static=True)  # s
+    """Of the wave, in logarithms of the volume."""
+    phase: Float[Array, " segment"]
+    """Of the wave at clock 0, radians."""
+    period: float = eqx.field(static=True)
+    """Of the wave, seconds."""
     phi: float = eqx.field(static=True)
+    """Coefficient of the noise from slot to slot, 0 to below 1."""
     sigma: float = eqx.field(static=True)
+    """Standard deviation of the noise in every slot."""
     slot_seconds: float = eqx.field(static=True)
-    floor: float = eqx.field(static=True, default=1.0)  # persons; the power law gives no time to empty segments
+    """Length of a slot."""
+    floor: float = eqx.field(static=True, default=1.0)
+    """Persons that are always there: the power law gives zero time to a segment without people."""
 
     def expected(self, _hours: Float[Array, " hour"], slots: int) -> FlowField:
         """Mean volumes."""
@@ -35,20 +43,20 @@ class RushFlow(FlowModel):
     def ahead(
         self, now: Float[Array, " segment"], _hour: Float[Array, ""], slot: Int[Array, ""], slots: int
     ) -> Float[Array, "slots segment"]:
-        """Mean volumes of this and the next slots, given those of this one."""
+        """Mean volumes in this and the next slots, given those in this one."""
         after = slot + jnp.arange(slots)
         log_density_ratio = jnp.log(now) - jnp.log(self.median(slot[None])[0])
         fading = self.phi ** jnp.arange(slots, dtype=float)[:, None]
-        spread = self.sigma**2 * (1 - fading**2) / 2
-        return jnp.maximum(self.median(after) * jnp.exp(fading * log_density_ratio + spread), self.floor)
+        half_variance = self.sigma**2 * (1 - fading**2) / 2
+        return jnp.maximum(self.median(after) * jnp.exp(fading * log_density_ratio + half_variance), self.floor)
 
     def median(self, slot: Int[Array, " slots"]) -> Float[Array, "slots segment"]:
-        """Median volumes."""
+        """Median volumes in some slots."""
         turn = 2 * jnp.pi * slot[:, None] * self.slot_seconds / self.period
         return self.base * jnp.exp(self.amplitude * jnp.sin(turn + self.phase))
 
     def noise(self, key: Key[Array, ""], futures: int, slots: int) -> Float[Array, "future slot segment"]:
-        """Logarithms of the noise."""
+        """The noise of some futures."""
         return lasting_noise(key, (futures, slots, self.base.shape[0]), self.phi, self.sigma)
 
     def _field(self, volume: Float[Array, "*future slot segment"]) -> FlowField:
@@ -58,42 +66,43 @@ class RushFlow(FlowModel):
 def lasting_noise(
     key: Key[Array, ""], shape: tuple[int, int, int], phi: float, sigma: float
 ) -> Float[Array, "future slot segment"]:
-    """A stationary AR(1) over the slots of every crowd and segment, independent of all others.
+    """Draw a stationary AR(1) over the slots for every future and segment, independent of all others.
 
     Parameters
     ----------
+    key
+        Of the random numbers.
     shape
-        How many crowds, slots and segments.
+        Numbers of futures, slots and segments.
     phi
         Coefficient from slot to slot, 0 to below 1.
     sigma
-        Standard deviation, in every slot.
+        Standard deviation in every slot.
     """
     futures, slots, segments = shape
     innovations = jax.random.normal(key, (slots, futures, segments)) * sigma
-    fresh = jnp.sqrt(1 - phi**2)
-
-    def later(noise: Array, innovation: Array) -> tuple[Array, Array]:
-        noise = phi * noise + fresh * innovation
-        return noise, noise
-
-    _, rest = jax.lax.scan(later, innovations[0], innovations[1:])
-    return jnp.moveaxis(jnp.concatenate([innovations[:1], rest]), 0, 1)
+    return stationary_ar1(phi, innovations[0], innovations[1:])
 
 
 class ShiftingFlow(FlowModel):
-    """Rush hours whose crowded nodes are elsewhere every day: nobody can know beforehand where."""
+    """Rush hours whose crowded nodes are elsewhere in every future: nobody knows beforehand where."""
 
     ordinary: RushFlow
-    ends: Int[Array, "segment 2"]  # tail and head of each segment
-    spared: Bool[Array, " node"]  # nodes that are never crowded
+    """The crowds without crowded nodes."""
+    ends: Int[Array, "segment 2"]
+    """Tail and head of each segment."""
+    spared: Bool[Array, " node"]
+    """Which nodes are never crowded."""
     crowded_nodes: int = eqx.field(static=True)
-    mean: float = eqx.field(static=True)  # of the crowded base, persons
-    spread: float = eqx.field(static=True)  # its standard deviation
+    """Number of crowded nodes in a future."""
+    mean: float = eqx.field(static=True)
+    """Mean base of the segments at crowded nodes, persons."""
+    spread: float = eqx.field(static=True)
+    """Standard deviation of that base, persons."""
 
     def expected(self, hours: Float[Array, " hour"], slots: int) -> FlowField:
         """Mean volumes over all places where the crowded nodes may be."""
-        # Nodes are drawn without replacement: where one end of a segment is not crowded, the other is likelier.
+        # Nodes are drawn without replacement: if one end of a segment is not crowded, the other end is likelier to be.
         candidates = jnp.sum(~self.spared)
         open_ends = jnp.sum(~self.spared[self.ends], axis=1)
         missed = jnp.where(open_ends >= 1, 1 - self.crowded_nodes / candidates, 1.0)
@@ -116,7 +125,7 @@ class ShiftingFlow(FlowModel):
     def ahead(
         self, now: Float[Array, " segment"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
     ) -> Float[Array, "slots segment"]:
-        """Mean volumes from this slot on; a segment counts as crowded where its volume is nearer to that."""
+        """Mean volumes from this slot on; a segment counts as crowded if its volume is nearer to the crowded one."""
         wave = self.ordinary.median(slot[None])[0] / self.ordinary.base
         level = jnp.log(now / wave)
         nearer = jnp.abs(level - jnp.log(self.mean)) < jnp.abs(level - jnp.log(self.ordinary.base))

@@ -1,49 +1,115 @@
-"""All that `sidestep counts` shows of a table of counts."""
+"""What ``sidestep counts`` reports: the counts, a model fitted to one sensor, and how well models predict it."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from sidestep.crowds.arima import simulate
-from sidestep.crowds.counts import Period, Repair, load_auckland, read_counts
-from sidestep.crowds.profile import HOURS_OF_WEEK
-from sidestep.crowds.skill import one_step_errors, periods
+from sidestep.crowds import arima, profile
+from sidestep.crowds.arima import Arima
+from sidestep.crowds.counts import (
+    AUCKLAND_SOURCE,
+    TEST,
+    TRAIN,
+    CountsError,
+    CountTable,
+    Period,
+    Repair,
+    load_auckland,
+    read_counts,
+)
+from sidestep.crowds.profile import HOURS_OF_WEEK, HourOfWeekProfile
 
 DEFAULT_SENSOR = "45 Queen Street"  # the one that the paper scenarios' model is fitted to
+PERSISTENCE, LAST_WEEK, PROFILE = "persistence", "same hour last week", "log hour-of-week profile + AR(1)"
+
+
+@dataclass(frozen=True, eq=False)
+class OneStepErrors:
+    """How well two models predict the next hour, beside the two predictions that need no model."""
+
+    hours: int
+    """Number of test hours for which every prediction and the count exist."""
+    mean: float
+    """Mean count of these hours, persons/h."""
+    rmse: dict[str, float]
+    """Root-mean-square error of each prediction on these hours, persons/h."""
+    arima_model: Arima
+    """The fitted ARIMA."""
+    profile_model: HourOfWeekProfile
+    """The fitted profile."""
 
 
 @dataclass(frozen=True)
 class CountSummary:
-    """Counts, repairs, model and errors; plain numbers throughout."""
+    """Counts, repairs, a model and its errors; plain numbers throughout."""
 
     source: str
+    """Name of the file, or the publisher."""
     first: str
+    """First hour, local wall time."""
     last: str
+    """Last hour, local wall time."""
     hours: int
+    """Number of hours."""
     sensors: tuple[str, ...]
+    """Names of the sensors."""
     repairs: tuple[Repair, ...]
+    """What was wrong with the counts as published."""
     sensor: str
+    """The sensor that the models are fitted to."""
     train: Period
+    """Period to which they are fitted."""
     test: Period
+    """Period on which they are tested."""
     order: tuple[int, int, int]
+    """p, d and q of the ARIMA."""
     ar: list[float]
-    ma: list[float]  # in the paper's signs
-    mean: float  # of the d times differenced series, persons/h
-    sigma: float  # persons/h
+    """Autoregressive coefficients, in the paper's signs."""
+    ma: list[float]
+    """Moving-average coefficients, in the paper's signs."""
+    mean: float
+    """Mean of the d times differenced series, persons/h."""
+    sigma: float
+    """Standard deviation of the innovations, persons/h."""
     counted_mean: float
+    """Mean of the training period, persons/h."""
     counted_sd: float
-    simulated_mean: float  # of one simulated week
+    """Standard deviation of the training period, persons/h."""
+    simulated_mean: float
+    """Mean of one simulated week, persons/h."""
     simulated_sd: float
+    """Standard deviation of one simulated week, persons/h."""
     tested_hours: int
-    rmse: dict[str, float]  # one-step errors, persons/h
+    """Number of test hours."""
+    rmse: dict[str, float]
+    """Root-mean-square error of the next hour's count by prediction, persons/h."""
 
 
 def summarise_counts(
     file: Path | None, sensor: str | None, order: tuple[int, int | None, int], seed: int
 ) -> CountSummary:
-    """Load Auckland's counts or a file, fit the models to one sensor and test them."""
+    """Load Auckland's counts or a file, fit the models to one sensor and test them.
+
+    Parameters
+    ----------
+    file
+        Hourly counts as CSV; None for Auckland's.
+    sensor
+        By default the one that the paper's scenarios use, or the first of the file.
+    order
+        p, d and q of the ARIMA; with d None the data choose it.
+    seed
+        Of the simulated week.
+
+    Raises
+    ------
+    CountsError
+        Counts that are not usable, or too few of them; an unknown sensor.
+    """
     table = load_auckland() if file is None else read_counts(file)
     sensor = sensor or (DEFAULT_SENSOR if file is None else table.sensors[0])
     train, test = periods(table)
@@ -51,7 +117,8 @@ def summarise_counts(
     model = found.arima_model
     training = table.between(*train).series(sensor)
     innovations = jax.random.normal(jax.random.key(seed), (HOURS_OF_WEEK,))
-    week = np.asarray(simulate(model, jax.numpy.asarray(training[~np.isnan(training)][-HOURS_OF_WEEK:]), innovations))
+    last = jnp.asarray(training[~np.isnan(training)][-HOURS_OF_WEEK:])
+    week = np.asarray(arima.simulate(model, last, innovations))
     return CountSummary(
         source=table.source,
         first=str(table.times[0]),
@@ -62,7 +129,7 @@ def summarise_counts(
         sensor=sensor,
         train=train,
         test=test,
-        order=(model.ar.shape[0], model.d, model.ma.shape[0]),
+        order=model.order,
         ar=model.ar.tolist(),
         ma=model.ma.tolist(),
         mean=float(model.mean),
@@ -72,10 +139,78 @@ def summarise_counts(
         simulated_mean=float(week.mean()),
         simulated_sd=float(week.std()),
         tested_hours=found.hours,
-        rmse={
-            "persistence": found.persistence,
-            "same hour last week": found.last_week,
-            f"ARIMA({model.ar.shape[0]}, {model.d}, {model.ma.shape[0]})": found.arima,
-            "log hour-of-week profile + AR(1)": found.profile,
-        },
+        rmse=found.rmse,
     )
+
+
+def periods(table: CountTable) -> tuple[Period, Period]:
+    """Where to train and where to test: `TRAIN` and `TEST` for Auckland, else the first four fifths and the rest."""
+    if table.source == AUCKLAND_SOURCE:
+        return TRAIN, TEST
+    first, last = table.times[0], table.times[-1] + np.timedelta64(1, "h")
+    border = table.times[len(table.times) * 4 // 5]
+    return (str(first), str(border)), (str(border), str(last))
+
+
+def one_step_errors(
+    table: CountTable,
+    sensor: str,
+    train: Period = TRAIN,
+    test: Period = TEST,
+    p: int = 1,
+    d: int | None = 0,
+    q: int = 0,
+) -> OneStepErrors:
+    """Fit both models to a sensor's training period and predict every hour of its test period from the hours before.
+
+    Parameters
+    ----------
+    table, sensor
+        Counts, and the sensor to predict.
+    train, test
+        First hour, and the one past the last (local wall time). The test may look back before its start, never ahead.
+    p, d, q
+        Order of the ARIMA; with d None the data choose it.
+
+    Raises
+    ------
+    CountsError
+        An unknown sensor, a period without hours, or too few counts to fit or to test a model.
+    """
+    training = table.between(*train)
+    first = table.between(*test).times[0]
+    # The hours before the test, long enough for the models to forget how they began.
+    tested = table.between(first - np.timedelta64(2 * HOURS_OF_WEEK, "h"), test[1])
+    series, learned = tested.series(sensor), training.series(sensor)
+    try:
+        arima_model = arima.fit_arima(learned, p, d, q)
+        profile_model = profile.fit_profile(training.times, learned)
+    except ValueError as error:
+        where = f"{table.source}: sensor {sensor!r}, {train[0]} to {train[1]}"
+        raise CountsError(f"{where}: {error}", field=sensor) from error
+    hours = jnp.asarray(profile.hour_of_week(tested.times))
+    predictions = {
+        PERSISTENCE: _before(series, 1),
+        LAST_WEEK: _before(series, HOURS_OF_WEEK),
+        f"ARIMA{arima_model.order}": np.asarray(arima.one_step(arima_model, jnp.asarray(series))),
+        PROFILE: np.asarray(profile.one_step(profile_model, hours, jnp.asarray(series))),
+    }
+    usable = ~np.isnan(series + sum(predictions.values())) & (tested.times >= first)
+    if not usable.any():
+        raise CountsError(
+            f"{table.source}: sensor {sensor!r}, {test[0]} to {test[1]}: no hour has a count and all predictions",
+            field=sensor,
+        )
+    return OneStepErrors(
+        hours=int(usable.sum()),
+        mean=float(series[usable].mean()),
+        rmse={
+            name: float(np.sqrt(np.mean((series - predicted)[usable] ** 2))) for name, predicted in predictions.items()
+        },
+        arima_model=arima_model,
+        profile_model=profile_model,
+    )
+
+
+def _before(series: Float[np.ndarray, " hour"], lag: int) -> Float[np.ndarray, " hour"]:
+    return np.concatenate([np.full(min(lag, len(series)), np.nan), series[:-lag]])

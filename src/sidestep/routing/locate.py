@@ -212,7 +212,7 @@ class TownLocator:
                 field="depart",
             )
         if not flow.covers(hour):
-            raise RouteError(f"{self._source} has no crowds for {departs}; depart when it has", field="depart")
+            raise RouteError(f"{self._source} covers {flow.coverage}, but the departure is {departs}", field="depart")
         return hour, time, departs
 
     def _ends(self, request: RouteRequest) -> tuple[SplitStreets, End, End]:

@@ -46,7 +46,18 @@ class VenueParts(NamedTuple):
 
 @cached_by_files(lambda streets: (streets,))
 def town_of(streets: str) -> Town:
-    """The streets in a file, or Helsinki's."""
+    """The streets of a venue, read once as long as their file stays as it is.
+
+    Parameters
+    ----------
+    streets
+        Name of a file, or ``helsinki``.
+
+    Raises
+    ------
+    SidestepError
+        A file that cannot be read.
+    """
     return load_helsinki() if streets == "helsinki" else load_town(Path(streets))
 
 
@@ -57,7 +68,16 @@ def attribution_of(place: Place) -> str:
 
 @cached_by_files(lambda venue, *_: venue.files)
 def venue_parts(venue: Venue, slot_seconds: float, law: Law) -> VenueParts:
-    """Streets, crowds and waits of a venue; ``law`` turns speeds into densities, where a table has speeds.
+    """Streets, crowds and waits of a venue, made once as long as its files stay as they are.
+
+    Parameters
+    ----------
+    venue
+        The place.
+    slot_seconds
+        Seconds in which crowds do not change.
+    law
+        Turns speeds into densities, where a table of crowds has speeds.
 
     Raises
     ------
@@ -77,7 +97,18 @@ def venue_parts(venue: Venue, slot_seconds: float, law: Law) -> VenueParts:
 
 
 def checks(venue: Venue) -> Iterator[Check]:
-    """Find mistakes in what the files of a venue have for it, each with the field that it is a mistake of."""
+    """Find mistakes in what the files of a venue have for it.
+
+    Parameters
+    ----------
+    venue
+        The place; it need not be that its files exist.
+
+    Yields
+    ------
+    check
+        A field, and a call that raises if it is wrong. Those after a file that cannot be read raise as well.
+    """
     yield ("streets",), partial(town_of, venue.streets)
     town = town_of(venue.streets)
     for keys, check in crowds_of(venue).checks(town):
@@ -98,6 +129,13 @@ def _find(ends: list[tuple[int, ...]], town: Town, name: str, waypoints: tuple[W
 
 def waits_of(town: Town, venue: Venue) -> Waits | NoWaits:
     """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike.
+
+    Parameters
+    ----------
+    town
+        The streets.
+    venue
+        The place; without traffic nobody waits.
 
     Raises
     ------

@@ -15,7 +15,8 @@ from sidestep.crowds.counts import CountTable, load_auckland, read_counts
 from sidestep.crowds.crowd_table import CrowdTable as TableData
 from sidestep.crowds.crowd_table import load_crowd_table
 from sidestep.crowds.interpolation import interpolation_weights
-from sidestep.crowds.sensors import SensorFlow, SensorModel, cholesky_factor, fit_sensors, recorded_weeks
+from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_sensors, recorded_weeks
+from sidestep.crowds.sensors import SensorFlow
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import Snapper
@@ -70,10 +71,17 @@ class CountedCrowds:
     def build(self, town: Town, network: RoadNetwork, slot_seconds: float, _law: Law) -> Crowds:
         """Simulated crowds, and those that were recorded in the weeks to test on.
 
+        Parameters
+        ----------
+        town, network
+            The streets.
+        slot_seconds
+            Seconds in which crowds do not change.
+
         Raises
         ------
         SidestepError
-            Files that cannot be read, unknown sensors or such outside the town, too few counts.
+            Files that cannot be read, sensors that are unknown or outside the town, too few counts.
         """
         source, table = self.source, counts_of(self.source.file)
         sensors = source.sensors or tuple(Sensor(name=name) for name in table.sensors)
@@ -134,7 +142,16 @@ class TabledCrowds:
         yield ("file",), partial(self._table, town)
 
     def build(self, town: Town, network: RoadNetwork, slot_seconds: float, law: Law) -> Crowds:
-        """Simulated crowds, which are those to test on as well; ``law`` turns speeds into densities.
+        """Simulated crowds, which are those to test on as well.
+
+        Parameters
+        ----------
+        town, network
+            The streets.
+        slot_seconds
+            Seconds in which crowds do not change.
+        law
+            Turns speeds into densities, where the table has speeds.
 
         Raises
         ------

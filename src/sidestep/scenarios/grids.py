@@ -24,11 +24,23 @@ class DrawnGrid:
     volume: Float[np.ndarray, " segment"]
     """Persons."""
     amplitude: Float[np.ndarray, " segment"]
+    """Of the segment's wave, in the logarithm of volume."""
     phase: Float[np.ndarray, " segment"]
+    """In radians."""
 
     @classmethod
     def draw(cls, grid: Grid, side: int, rng: np.random.Generator) -> Self:
-        """Draw streets, crowds and, where there are rush hours, waves."""
+        """Draw streets, crowds and, where there are rush hours, waves.
+
+        Parameters
+        ----------
+        grid
+            What is drawn.
+        side
+            Nodes along one side, which may be another than the grid's.
+        rng
+            Source of the random numbers.
+        """
         network = grid_network(side, rng, grid.lengths)
         tail, head = np.asarray(network.tail), np.asarray(network.head)
         volume = rng.uniform(*grid.volumes, network.segments)
@@ -51,7 +63,17 @@ def _crowded_nodes(grid: Grid, nodes: int) -> int:
 
 
 def streets_and_crowds(grid: Grid, drawn: Sequence[DrawnGrid], slot_seconds: float) -> tuple[RoadNetwork, FlowModel]:
-    """Several grids as one network without streets between them, and the crowds on it."""
+    """Several grids as one network without streets between them, and the crowds on it.
+
+    Parameters
+    ----------
+    grid
+        What they were drawn from.
+    drawn
+        The grids.
+    slot_seconds
+        Seconds in which crowds do not change.
+    """
     network = disjoint_union([one.network for one in drawn])
     volume, amplitude, phase = (
         jnp.asarray(np.concatenate(each), jnp.float32)

@@ -1,8 +1,6 @@
 """Maps of a scenario, drawn from a seed: streets, and the crowds expected on them."""
 
-import difflib
 import hashlib
-import reprlib
 from dataclasses import replace
 from datetime import datetime
 from typing import Literal, get_args
@@ -15,9 +13,7 @@ from jaxtyping import Array, Key
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
-from sidestep.crowds.live import CurrentCounts
-from sidestep.crowds.profile import hour_of_week
-from sidestep.crowds.sensors import SensorFlow
+from sidestep.crowds.live import latest_counts
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import SplitStreets
 from sidestep.scenarios.build import venue_parts
@@ -58,14 +54,17 @@ class ScenarioMap(eqx.Module):
         return self.test_flow if purpose == "test" else self.flow
 
     def on_pieces(self, streets: SplitStreets) -> "ScenarioMap":
-        """The same map with some streets split and the same crowds on all their pieces, for walks from anywhere."""
+        """The same map with some streets split and crowds as dense on all their pieces, for walks from anywhere.
+
+        Futures for tests are simulated: there are only as many recorded weeks as were counted, and none goes on from
+        now.
+        """
         parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.fraction, jnp.float32)
         flow = self.flow.on_pieces(parent, fraction)
         return replace(
             self,
             network=streets.network,
             flow=flow,
-            # Futures are simulated: there are only as many recorded weeks as were counted, and none goes on from now.
             test_flow=flow,
             parts=(streets.network.nodes,),
             origins=(),
@@ -87,6 +86,13 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     """Map number ``index`` of a seed; the same for every planner and for every kind of flow.
 
     Venues have the same streets and expected crowds on all maps; only the futures differ.
+
+    Parameters
+    ----------
+    scenario
+        The problem.
+    seed, index
+        Of 0 or more. Grids of several sides take them in turn by ``index``.
 
     Raises
     ------
@@ -115,6 +121,11 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     """What an agent learns on that will walk map number ``index``: that map, or others, as the scenario says.
 
     The others are drawn from another stream than all maps that agents are compared on.
+
+    Parameters
+    ----------
+    scenario, seed, index
+        As for :func:`draw_map`.
 
     Raises
     ------
@@ -158,38 +169,31 @@ def purpose_key(scenario_map: ScenarioMap, purpose: Purpose) -> Key[Array, ""]:
 
 
 def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: datetime) -> tuple[ScenarioMap, int]:
-    """A map whose crowds go on from current counts, and how many sensors these are of.
+    """A map whose crowds go on from current counts.
 
-    Counts are as the sensors count them; the crowding of the place is multiplied onto them. Of ``table`` the last hour
-    matters; sensors without a count in it are not known.
+    Parameters
+    ----------
+    scenario_map
+        The map.
+    table
+        Counts as the sensors count them; the crowding of the place is multiplied onto them. Its last hour matters, and
+        sensors without a count in it are not known.
+    departure
+        Local wall time of clock 0.
+
+    Returns
+    -------
+    scenario_map, known
+        The map, and the number of sensors with a count.
 
     Raises
     ------
-    ScenarioError
+    CountsError
         Crowds that are not known from sensors; sensors that the place does not have, counts of another hour than that
         of the departure or the one before it, no count at all.
     """
-    if not isinstance(scenario_map.flow, SensorFlow):
-        raise ScenarioError("current counts are those of sensors, but the crowds come from a table")
     names = list(dict.fromkeys(scenario_map.sensors))
-    for name in table.sensors:
-        if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(map(repr, names))}"
-            raise ScenarioError(f"{table.source}: no sensor {reprlib.repr(name)} in this place; {hint}")
-    counted, leaves = table.times[-1], np.datetime64(departure, "h")
-    if counted not in (leaves, leaves - 1):
-        raise ScenarioError(
-            f"{table.source}: the last counts are of the hour from {counted}:00, but the departure is "
-            f"{departure.isoformat(timespec='minutes')}; they must be of the hour of the departure or the one before"
-        )
-    last = {name: table.series(name)[-1] for name in table.sensors}
-    known = int(np.isfinite(list(last.values())).sum())
-    if not known:
-        raise ScenarioError(f"{table.source}: nothing was counted in the last hour, from {counted}:00")
-    logs = np.log1p(np.array([last.get(name, np.nan) for name in scenario_map.sensors]))
-    residual = logs - np.asarray(scenario_map.flow.model.expected)[hour_of_week(table.times[-1:])[0]]
-    since = (np.datetime64(departure, "s") - counted.astype("datetime64[s]")).astype(float) / 3600 - 0.5
-    counts = CurrentCounts(jnp.asarray(residual, jnp.float32), jnp.asarray(since, jnp.float32))
-    flow = replace(scenario_map.flow, current=counts, record=None)
-    return replace(scenario_map, flow=flow, test_flow=flow), known
+    latest = latest_counts(table, names, departure)
+    counts = latest.counts[[names.index(name) for name in scenario_map.sensors]]
+    flow = scenario_map.flow.going_on_from(replace(latest, counts=counts))
+    return replace(scenario_map, flow=flow, test_flow=flow), latest.known

@@ -15,7 +15,10 @@ WEIGHTS = ("time", "distance", "exposure", "max_density")
 def read_objective(text: str) -> ObjectiveSpec:
     """``time``, ``distance``, ``exposure``, or weights such as ``exposure=0.5,max_density=4``.
 
-    Time has a weight of 1 unless another is given. :class:`sidestep.scenarios.model.ObjectiveSpec` has the units.
+    Parameters
+    ----------
+    text
+        Time has a weight of 1 unless another is given. :class:`sidestep.scenarios.model.ObjectiveSpec` has the units.
 
     Raises
     ------

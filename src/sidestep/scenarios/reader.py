@@ -66,6 +66,11 @@ def load_scenario(path: str | Path) -> Scenario:
     Fields that the file leaves out are as in the built-in scenario ``helsinki``, but without its event (``crowding`` is
     1, ``uneven`` 0, ``streets_per_sensor`` 1, ``reach`` 150). Files that it names are looked for from its own folder.
 
+    Parameters
+    ----------
+    path
+        A TOML file, as docs/scenarios.md describes it.
+
     Raises
     ------
     ScenarioError

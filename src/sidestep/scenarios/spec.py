@@ -1,4 +1,4 @@
-"""What all specs of a scenario have in common: strict, frozen, and refused with one sentence where they are wrong."""
+"""What all specs have in common: strict, frozen, and refused with one sentence where they are wrong."""
 
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,8 +14,8 @@ else:
     ModelMetaclass = type(BaseModel)
 
 
-class ScenarioError(SidestepError):
-    """A scenario that is unknown or wrong.
+class SpecError(SidestepError):
+    """Values of a spec that are missing, unknown or wrong.
 
     Parameters
     ----------
@@ -35,10 +35,14 @@ class ScenarioError(SidestepError):
         *,
         field: str | None = None,
         line: int | None = None,
-        others: Sequence["ScenarioError"] = (),
+        others: Sequence["SpecError"] = (),
     ) -> None:
         super().__init__(message, field=field, line=line)
         self.others = tuple(others)
+
+
+class ScenarioError(SpecError):
+    """A scenario that is unknown or wrong."""
 
 
 class Fault(NamedTuple):
@@ -61,19 +65,21 @@ class _Refusing(ModelMetaclass):
             return super().__call__(*args, **values)
         except ValidationError as error:
             found = faults(error, cls)  # type: ignore[arg-type]
-            first, *others = (ScenarioError(said, field=".".join(path) or None) for path, said in found)
+            kind: type[SpecError] = cls.refusal  # type: ignore[attr-defined]
+            first, *others = (kind(said, field=".".join(path) or None) for path, said in found)
             first.others = tuple(others)
             raise first from None
 
 
 class Spec(BaseModel, metaclass=_Refusing):
-    """A part of a scenario: plain values without arrays, hashable, not changed by anybody.
+    """Plain values without arrays, hashable, not changed by anybody: of a scenario, or the settings of a training.
 
-    Values are taken as they are: no text becomes a number, no list a tuple. Every constructor raises
-    :class:`ScenarioError`.
+    Values are taken as they are: no text becomes a number, no list a tuple. Every constructor raises ``refusal``.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, validate_default=True, allow_inf_nan=False)
+    refusal: ClassVar[type[SpecError]] = ScenarioError
+    """The error where values are wrong."""
     inner: ClassVar[str] = ""
     """The field with a spec whose fields :meth:`changed` takes as well."""
 
@@ -93,18 +99,19 @@ class Spec(BaseModel, metaclass=_Refusing):
 
         Raises
         ------
-        ScenarioError
-            Unknown fields and wrong values.
+        SpecError
+            Unknown fields and wrong values; of the kind ``refusal``.
         """
-        known = list(_changeable(self))
-        for name in changes:
-            if name not in known:
-                raise ScenarioError(f"{self.called} has no field {name}{_meant(name, known)}", field=name)
         own = {name: value for name, value in changes.items() if name in type(self).model_fields}
-        values = dict(self) | own
-        if inside := {name: value for name, value in changes.items() if name not in own}:
-            values[self.inner] = values[self.inner].changed(**inside)
-        return type(self)(**values)
+        inside = {name: value for name, value in changes.items() if name not in own}
+        changed = type(self)(**dict(self) | own)
+        known = list(_changeable(changed))
+        for name in inside:
+            if name not in known:
+                raise self.refusal(f"{self.called} has no field {name}{_meant(name, known)}", field=name)
+        if not inside:
+            return changed
+        return changed.changed(**{self.inner: getattr(changed, self.inner).changed(**inside)})
 
 
 def _changeable(spec: Spec) -> Iterator[str]:
@@ -141,7 +148,15 @@ _COMPLETE = ("missing", "value_error", "union_tag_invalid", "union_tag_not_found
 
 
 def faults(error: ValidationError, kind: type[BaseModel]) -> list[Fault]:
-    """The mistakes that pydantic found in the values of a ``kind`` of spec."""
+    """The mistakes that pydantic found in the values of a spec.
+
+    Parameters
+    ----------
+    error
+        What it raised.
+    kind
+        The spec.
+    """
     return [_fault(found, kind) for found in error.errors(include_url=False)]
 
 

@@ -23,6 +23,15 @@ def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pair
 
     Streets are drawn in proportion to their length, at least ``APART`` from one another as long as there are such.
 
+    Parameters
+    ----------
+    town, network
+        The streets.
+    sensors
+        Each as often as it stands on a street.
+    pairing
+        Seed of the streets that are drawn.
+
     Raises
     ------
     ScenarioError
@@ -88,9 +97,18 @@ def nearest(snapper: Snapper, field: str, what: str, place: tuple[float, float])
 
 
 def crossings(town: Town, name: str, waypoints: tuple[Waypoint, ...]) -> tuple[int, ...]:
-    """The crossings that the origins or destinations of a venue are, by number.
+    """Numbers of the crossings that the origins or destinations of a venue are.
 
     A place is taken to the nearest street, and there to the nearer end.
+
+    Parameters
+    ----------
+    town
+        The streets.
+    name
+        ``origins`` or ``destinations``, for messages.
+    waypoints
+        What the venue says of them.
 
     Raises
     ------
@@ -123,6 +141,13 @@ def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tup
 
     Imported towns are in one part. Those of other programs need not be, and a walker must not come to a crossing from
     which no path leads on.
+
+    Parameters
+    ----------
+    network
+        The streets.
+    origins, destinations
+        Nodes where walks begin and end; none: anywhere.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Crowds of a venue from a table, and what an import says about one."""
+"""Crowds of a venue from a table, and what an import reports about one."""
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from sidestep.crowds.crowd_table import MOST_CELLS, CrowdTable, read_table
+from sidestep.crowds.crowd_table import MOST_CELLS, CrowdTable
 from sidestep.crowds.profile import time_of_week
-from sidestep.crowds.table import TableFlow
+from sidestep.crowds.table_flow import TableFlow
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.town import Town
 from sidestep.scenarios.places import Venue
@@ -26,34 +26,63 @@ class TableReport:
     """What a table holds, and what was filled in."""
 
     source: str
+    """The file."""
     quantity: str
+    """``volume``, ``density`` or ``speed``."""
     rows: int
-    segments: int  # of the town
-    mentioned: int  # of them, in the table
+    segments: int
+    """Of the town."""
+    mentioned: int
+    """Of them, in the table."""
     slots: int
     slot_seconds: float
-    begins: str | None  # local wall time; None: the table does not know
+    begins: str | None
+    """Local wall time; None: the table has no times."""
     ends: str | None
     filled: dict[str, int]
-    details: dict[str, str]  # what was done about each
+    """How often something was repaired, by what it was."""
+    details: dict[str, str]
+    """What was done about each."""
     unused_columns: tuple[str, ...]
-    largest_density: float  # persons/m²
-    share_above_1: float  # of all slots of all segments, those with more than a person per m²
+    largest_density: float
+    """Persons/m²."""
+    share_above_1: float
+    """Of all slots of all segments, those with more than one person per m²."""
     share_above_4: float
-    law: str | None  # by which speeds became densities
-    slower_than_law: int  # speeds below the law's lowest; they count as the lowest density that has that
+    law: str | None
+    """By which speeds became densities; None: there were none."""
+    slower_than_law: int
+    """Speeds below the law's lowest, which count as the lowest density that has that."""
 
 
 def import_table(
     path: Path, town: Town, *, slot_seconds: float | None = None, law: Law = "weidmann"
 ) -> tuple[CrowdTable, TableReport]:
-    """Read a table of crowds and say what it holds; ``law`` turns speeds into densities for the report.
+    """Read a table of crowds and say what it holds.
+
+    Parameters
+    ----------
+    path
+        CSV or Parquet; docs/counts.md describes the columns.
+    town
+        The streets that its rows are of.
+    slot_seconds
+        Length of the slots; by default as the table's times tell.
+    law
+        Turns speeds into densities, for the report only.
+
+    Returns
+    -------
+    table, report
+        The crowds, and what was found and filled in.
 
     Raises
     ------
     TableError
         A file that cannot be read or breaks a rule.
     """
+    from sidestep.crowds.table_reader import read_table  # with pandas, which other commands need not load
+
     table, network = read_table(path, town, slot_seconds), town.network()
     # Only of what is mentioned: most towns are larger than their tables, and elsewhere is nobody.
     volume, slower = _volumes(table, network, law)
@@ -107,6 +136,19 @@ def table_flow(
     venue: Venue, noise: tuple[float, float], table: CrowdTable, network: RoadNetwork, slot_seconds: float, law: Law
 ) -> TableFlow:
     """The crowds of a venue as its table has them.
+
+    Parameters
+    ----------
+    venue
+        The place.
+    noise
+        Coefficient and standard deviation of the AR(1) noise around the table.
+    table, network
+        The crowds, and the streets that they are on.
+    slot_seconds
+        Seconds in which crowds do not change.
+    law
+        Turns speeds into densities.
 
     Raises
     ------

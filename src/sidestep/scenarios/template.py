@@ -13,7 +13,19 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
 def new_scenario(folder: Path, name: str) -> Path:
-    """Make a folder of this name with a ``scenario.toml`` in it, whole or not at all.
+    """Make a folder with a ``scenario.toml`` in it, whole or not at all.
+
+    Parameters
+    ----------
+    folder
+        Where the new folder is made.
+    name
+        Of the new folder and the scenario.
+
+    Returns
+    -------
+    file
+        The scenario file.
 
     Raises
     ------

@@ -12,7 +12,15 @@ DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sun
 
 
 def rule(holds: Callable[[Any], bool], must: str) -> AfterValidator:
-    """What values must be, as a sentence goes on that begins with their field."""
+    """A rule of a field's values.
+
+    Parameters
+    ----------
+    holds
+        Whether a value keeps it.
+    must
+        The rule, as a sentence goes on that begins with the field.
+    """
 
     def check(value: Any) -> Any:
         if not holds(value):
@@ -23,7 +31,18 @@ def rule(holds: Callable[[Any], bool], must: str) -> AfterValidator:
 
 
 def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) -> Any:
-    """A rule of a field that depends on fields before it; it is not asked for where one of these is wrong itself."""
+    """A rule of a field that depends on fields before it.
+
+    Parameters
+    ----------
+    field
+        Its name.
+    holds
+        Whether a value keeps the rule, given the fields before it by their names. It is not asked where one of those
+        that it looks at is wrong itself.
+    must
+        The rule, as a sentence goes on that begins with the field.
+    """
 
     def check(value: Any, info: Any) -> Any:
         try:

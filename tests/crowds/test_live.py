@@ -1,7 +1,8 @@
-"""Crowds that go on from current counts."""
+"""The latest counts, and crowds that go on from them."""
 
 import math
 from dataclasses import replace
+from datetime import datetime
 from functools import partial
 
 import jax
@@ -9,47 +10,57 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sidestep.crowds.counts import CountsError, CountTable
 from sidestep.crowds.interpolation import InterpolationWeights
-from sidestep.crowds.sensors import Known, SensorFlow, SensorModel
+from sidestep.crowds.live import CurrentCounts, latest_counts
+from sidestep.crowds.sensor_model import SensorModel
+from sidestep.crowds.sensors import SensorFlow
 
-USUAL = 3.0  # of log(1 + count), in every hour
-MEMORY = np.array([0.5, 0.8])
-DEVIATION = np.array([0.4, 0.2])
+LEVEL = 3.0  # of log(1 + count), in every hour
+PHI = np.array([0.5, 0.8])
+SIGMA = np.array([0.4, 0.2])
 HOUR = 12  # slots of 5 min
 SLOTS, CROWDS = 4 * HOUR, 2000
 # Slots of an hour from 12:00 on have the middles of hours as theirs, the first that of the counted one.
 HOURLY = {"since": -0.5, "slot_seconds": 3600.0}
-HARDLY = np.full(2, 1e-4)  # a deviation without which nothing could have been counted but the usual
+HARDLY = np.full(2, 1e-4)  # a standard deviation; at zero nothing but the expected count is possible
 
 
-def flow(residual, since: float, deviation=DEVIATION, weekly=(0.0, 0.0), slot_seconds: float = 300.0) -> SensorFlow:
-    """What is known is of the hour from 12:00, ``since`` its middle; deviations are of all hours or of each one."""
+def flow(residual, since: float, sigma=SIGMA, weekly=(0.0, 0.0), slot_seconds: float = 300.0) -> SensorFlow:
+    """Counts are of the hour from 12:00, ``since`` hours after its middle; ``sigma`` is of all hours or of each one."""
     floats = jnp.float32
     model = SensorModel(
-        jnp.full((168, 2), USUAL),
+        jnp.full((168, 2), LEVEL),
         jnp.asarray(weekly, floats),
-        jnp.broadcast_to(jnp.asarray(deviation, floats), (24, 2)),
-        jnp.asarray(MEMORY, floats),
+        jnp.broadcast_to(jnp.asarray(sigma, floats), (24, 2)),
+        jnp.asarray(PHI, floats),
         jnp.eye(2),
     )
-    spread = InterpolationWeights(jnp.array([[0], [1]]), jnp.ones((2, 1)))
-    known = None if residual is None else Known(jnp.asarray(residual, floats), jnp.asarray(since, floats))
-    return SensorFlow(model, spread, jnp.ones(2), jnp.array([12.5 + since]), slot_seconds, known=known)
+    weights = InterpolationWeights(jnp.array([[0], [1]]), jnp.ones((2, 1)))
+    current = CurrentCounts(
+        jnp.full(2, jnp.nan) if residual is None else jnp.asarray(residual, floats), jnp.asarray(since, floats)
+    )
+    return SensorFlow(model, weights, jnp.ones(2), slot_seconds, current=current)
+
+
+def hour(futures: SensorFlow):
+    """The hour of the week at which people set out."""
+    return 12.5 + futures.current.since
 
 
 @partial(jax.jit, static_argnames="slots")
 def forecast(futures: SensorFlow, slots: int = SLOTS):
-    return futures.expected(slots).sensed[0]
+    return futures.expected(hour(futures)[None], slots).sensed[0]
 
 
 @partial(jax.jit, static_argnames="slots")
 def draw(futures: SensorFlow, seed: int = 0, slots: int = SLOTS):
-    return futures.draw(jax.random.key(seed), CROWDS, slots).sensed
+    return futures.draw(jax.random.key(seed), jnp.full(CROWDS, hour(futures)), slots).sensed
 
 
 @partial(jax.jit, static_argnames="slots")
 def ahead(futures: SensorFlow, now, slots: int):
-    return futures.ahead(now, jnp.int32(0), slots)
+    return futures.ahead(now, hour(futures), jnp.int32(0), slots)
 
 
 def expected(residual, hours) -> np.ndarray:
@@ -59,14 +70,14 @@ def expected(residual, hours) -> np.ndarray:
     """
     whole = int(hours)
     part = hours - whole
-    fading = (1 - part) * MEMORY**whole + part * MEMORY ** (whole + 1)
-    bridged = 1 - 2 * part * (1 - part) * (1 - MEMORY)
-    mean = USUAL + fading * residual + (bridged - fading**2) * DEVIATION**2 / 2
+    fading = (1 - part) * PHI**whole + part * PHI ** (whole + 1)
+    bridged = 1 - 2 * part * (1 - part) * (1 - PHI)
+    mean = LEVEL + fading * residual + (bridged - fading**2) * SIGMA**2 / 2
     return np.expm1(mean)
 
 
 @pytest.mark.parametrize("since", [-0.5, 0.0, 0.25, 1.0])
-def test_the_forecast_fades_to_the_usual(since: float) -> None:
+def test_the_forecast_fades_to_the_expected(since: float) -> None:
     residual = np.array([1.0, -0.5])
     found = np.asarray(forecast(flow(residual, since)))
     for slot in (0, 5, 11, 30, 47):
@@ -74,10 +85,10 @@ def test_the_forecast_fades_to_the_usual(since: float) -> None:
         assert found[slot] == pytest.approx(expected(residual, hours), rel=1e-4)
 
 
-def test_what_is_not_known_is_as_usual() -> None:
+def test_sensors_without_a_count_are_as_expected() -> None:
     found = np.asarray(forecast(flow([np.nan, 0.7], 0.0)))
-    usual = np.asarray(forecast(flow(None, 0.0)))
-    assert found[:, 0] == pytest.approx(usual[:, 0])
+    without = np.asarray(forecast(flow(None, 0.0)))
+    assert found[:, 0] == pytest.approx(without[:, 0])
     assert found[:, 1] == pytest.approx([expected(0.7, (slot + 0.5) / HOUR)[1] for slot in range(SLOTS)], rel=1e-4)
 
 
@@ -91,11 +102,11 @@ def test_what_is_not_known_is_as_usual() -> None:
     ],
 )
 def test_futures_without_noise_start_from_the_counts(since: float, hours: list[int]) -> None:
-    drawn = draw(flow([1.0, -0.5], since, deviation=HARDLY))
-    knots = np.log1p(np.asarray(drawn)) - USUAL  # [crowd, slot, sensor]
+    drawn = draw(flow([1.0, -0.5], since, sigma=HARDLY))
+    knots = np.log1p(np.asarray(drawn)) - LEVEL  # [crowd, slot, sensor]
     assert knots.std(axis=0) == pytest.approx(0, abs=2e-4)
     for hour, after in enumerate(hours[:-1]):
-        low, high = MEMORY**after * [1.0, -0.5], MEMORY ** (after + 1) * [1.0, -0.5]
+        low, high = PHI**after * [1.0, -0.5], PHI ** (after + 1) * [1.0, -0.5]
         for slot in range(HOUR):
             part = (slot + 0.5) / HOUR
             assert knots[0, hour * HOUR + slot] == pytest.approx((1 - part) * low + part * high, abs=6e-4)
@@ -104,11 +115,11 @@ def test_futures_without_noise_start_from_the_counts(since: float, hours: list[i
 def test_before_the_middle_of_the_counted_hour_crowds_are_as_counted() -> None:
     # At 12:00 of the hour from 12:00: its middle is half an hour ahead.
     early = flow([1.0, -0.5], -0.5)
-    assert early.start.tolist() == [12.0]
-    knots = np.log1p(np.asarray(draw(early)))[0] - USUAL
+    assert float(hour(early)) == 12
+    knots = np.log1p(np.asarray(draw(early)))[0] - LEVEL
     assert knots[: HOUR // 2] == pytest.approx(np.tile([1.0, -0.5], (HOUR // 2, 1)), abs=1e-4)
     assert (abs(knots[HOUR] - [1.0, -0.5]) > 0.01).all()
-    # So they are forecast, with nothing for what varies.
+    # The forecast is the same, with nothing for what varies.
     assert np.asarray(forecast(early))[: HOUR // 2] == pytest.approx(
         np.tile(np.expm1([4.0, 2.5]), (HOUR // 2, 1)), rel=1e-4
     )
@@ -123,7 +134,7 @@ def test_futures_are_drawn_around_the_forecast() -> None:
     # just after the counts, what is known hardly varies, and what is not varies as ever
     logs = np.log1p(drawn[:, 0])
     assert logs[:, 0].std() < 0.05
-    assert logs[:, 1].std() == pytest.approx(DEVIATION[1], rel=0.1)
+    assert logs[:, 1].std() == pytest.approx(SIGMA[1], rel=0.1)
 
 
 def test_live_walkers_forecast_from_the_same_counts() -> None:
@@ -135,10 +146,17 @@ def test_live_walkers_forecast_from_the_same_counts() -> None:
         assert np.asarray(ahead(futures, first[0], SLOTS)) == pytest.approx(first, rel=1e-4)
 
 
-def test_without_counts_nothing_changes() -> None:
-    nothing, unknown = flow(None, 0.0), flow([np.nan, np.nan], 0.0)
-    assert forecast(unknown) == pytest.approx(np.asarray(forecast(nothing)))
-    logs = [np.log1p(np.asarray(draw(futures, 2))) for futures in (nothing, unknown)]
+def test_without_any_count_nothing_changes() -> None:
+    unknown = flow(None, 0.0)
+
+    @jax.jit
+    def without(futures: SensorFlow):
+        plain, hours = replace(futures, current=None), jnp.full(CROWDS, hour(futures))
+        return plain.expected(hours[:1], SLOTS).sensed[0], plain.draw(jax.random.key(2), hours, SLOTS).sensed
+
+    mean, drawn = without(unknown)
+    assert forecast(unknown) == pytest.approx(np.asarray(mean))
+    logs = [np.log1p(np.asarray(futures)) for futures in (drawn, draw(unknown, 2))]
     assert logs[0].mean(axis=0) == pytest.approx(logs[1].mean(axis=0), abs=0.04)
     assert logs[0].std(axis=0) == pytest.approx(logs[1].std(axis=0), abs=0.03)
 
@@ -149,12 +167,12 @@ def test_without_counts_nothing_changes() -> None:
 # with later hours .09 + .16 / 2^hours: .25, .17, .13, .11; its squares by .25: .25, .1156, .0676, .0484.
 SHARE = np.array([1, 0.68, 0.52, 0.44])
 LEFT = np.array([0, 0.1344, 0.1824, 0.2016])
-FIRST = 0  # sensor, with a memory of 1/2
+FIRST = 0  # sensor, whose residuals halve in an hour
 
 
 def hourly(futures: SensorFlow, seed: int = 3) -> np.ndarray:
-    """How the logarithms of the first sensor's counts in four hours differ from the usual ones."""
-    return np.log1p(np.asarray(draw(futures, seed, slots=4), np.float64))[..., FIRST] - USUAL
+    """How the logarithms of the first sensor's counts in four hours differ from the expected ones."""
+    return np.log1p(np.asarray(draw(futures, seed, slots=4), np.float64))[..., FIRST] - LEVEL
 
 
 def distributed(logs: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> None:
@@ -167,7 +185,7 @@ def distributed(logs: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> Non
 def test_a_part_of_what_was_counted_lasts() -> None:
     futures = flow([1.0, np.nan], weekly=(0.3, 0.0), **HOURLY)
     found = np.asarray(forecast(futures, slots=4))[:, FIRST]
-    assert found == pytest.approx(np.expm1(USUAL + SHARE + LEFT / 2), rel=1e-4)
+    assert found == pytest.approx(np.expm1(LEVEL + SHARE + LEFT / 2), rel=1e-4)
     logs = hourly(futures)
     distributed(logs, SHARE, LEFT)
     # Of the hours after and two hours after, given the first: .17 - .17 * .13 / .25
@@ -184,27 +202,80 @@ def test_what_differs_from_place_to_place_is_known_by_its_counts() -> None:
     mean, left = covariance / 0.41 * 1.08 - 0.08, 0.41 - covariance**2 / 0.41
     assert mean[0] == pytest.approx(1)
     found = np.asarray(forecast(futures, slots=4))
-    assert found[:, FIRST] == pytest.approx(np.expm1(USUAL + mean + left / 2), rel=1e-4)
+    assert found[:, FIRST] == pytest.approx(np.expm1(LEVEL + mean + left / 2), rel=1e-4)
     distributed(hourly(futures), mean, left)
-    # A sensor that is not known has the usual mean: that of its residuals, .2^2 / 2.
-    assert found[:, 1] == pytest.approx(np.full(4, np.expm1(USUAL + 0.02)), rel=1e-4)
+    # A sensor without a count has the expected mean: that of its residuals, .2^2 / 2.
+    assert found[:, 1] == pytest.approx(np.full(4, np.expm1(LEVEL + 0.02)), rel=1e-4)
 
 
 def test_counts_tell_as_much_as_their_hour_varies() -> None:
     # Residuals deviate by .4 from 12:00 to 13:00, as counted, and by .2 in all other hours. Covariances
     # .09 + .4 * .2 / 2^hours: .13, .11, .10, and variances of .13.
-    deviation = np.full((24, 2), 0.2)
-    deviation[12] = 0.4
-    futures = flow([1.0, np.nan], weekly=(0.3, 0.0), deviation=deviation, **HOURLY)
+    sigma = np.full((24, 2), 0.2)
+    sigma[12] = 0.4
+    futures = flow([1.0, np.nan], weekly=(0.3, 0.0), sigma=sigma, **HOURLY)
     share = np.array([1, 0.52, 0.44, 0.4])
     left = np.array([0, 0.13 - 0.0676, 0.13 - 0.0484, 0.13 - 0.04])
     found = np.asarray(forecast(futures, slots=4))[:, FIRST]
-    assert found == pytest.approx(np.expm1(USUAL + share + left / 2), rel=1e-4)
+    assert found == pytest.approx(np.expm1(LEVEL + share + left / 2), rel=1e-4)
     distributed(hourly(futures), share, left)
 
 
-def test_what_is_not_known_may_last_too() -> None:
+def test_what_was_not_counted_may_last_too() -> None:
     futures = flow([np.nan, 1.0], weekly=(0.3, 0.0), **HOURLY)
     found = np.asarray(forecast(futures, slots=4))[:, FIRST]
-    assert found == pytest.approx(np.full(4, np.expm1(USUAL + 0.125)), rel=1e-4)
+    assert found == pytest.approx(np.full(4, np.expm1(LEVEL + 0.125)), rel=1e-4)
     distributed(hourly(futures), np.zeros(4), np.full(4, 0.25))
+
+
+# --- The last hour of a table ---------------------------------------------------------------------------------------
+
+NOON = datetime.fromisoformat("2025-05-24T12:00")  # a Saturday: hour 132 of the week
+SENSORS = ("bridge", "quay", "square")
+
+
+def counted(*names: str, last: str = "2025-05-24T12", count: float = 7.0) -> CountTable:
+    times = np.datetime64(last, "h") - np.arange(3)[::-1]
+    counts = np.where(np.arange(3)[:, None] == 2, count, 1.0) * np.ones(len(names))
+    return CountTable(times, names, counts, None, (), "live.csv")
+
+
+@pytest.mark.parametrize(
+    ("last", "departure", "since"),
+    [
+        ("2025-05-24T12", 0, -0.5),
+        ("2025-05-24T12", 45, 0.25),
+        ("2025-05-24T11", 0, 0.5),
+        ("2025-05-24T11", 59, 89 / 60),
+    ],
+)
+def test_the_last_hour_is_that_of_the_departure_or_the_one_before(last: str, departure: int, since: float) -> None:
+    latest = latest_counts(counted("square", "bridge", last=last), SENSORS, NOON.replace(minute=departure))
+    np.testing.assert_array_equal(latest.counts, [7, np.nan, 7])
+    assert (latest.known, latest.since) == (2, pytest.approx(since))
+    assert latest.hour == np.datetime64(last, "h")
+
+
+@pytest.mark.parametrize(
+    ("table", "field"),
+    [
+        (counted("bridge", "brigde"), "brigde"),
+        (counted("bridge", last="2025-05-24T10"), "time"),
+        (counted("bridge", last="2025-05-24T13"), "time"),
+        (counted("bridge", count=np.nan), "time"),
+    ],
+)
+def test_counts_that_do_not_fit_the_departure(table: CountTable, field: str) -> None:
+    with pytest.raises(CountsError) as caught:
+        latest_counts(table, SENSORS, NOON)
+    assert caught.value.field == field
+    assert str(caught.value).startswith("live.csv: ")
+
+
+def test_crowds_of_sensors_go_on_from_the_latest_counts() -> None:
+    latest = latest_counts(counted("quay"), ("bridge", "quay"), NOON.replace(minute=45))
+    before = replace(flow(None, 0.0), record=jnp.zeros((2, 168, 2)))
+    after = before.going_on_from(latest)
+    assert after.record is None
+    assert after.current.residual.tolist() == [pytest.approx(np.nan, nan_ok=True), pytest.approx(math.log(8) - LEVEL)]
+    assert float(after.current.since) == 0.25

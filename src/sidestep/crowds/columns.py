@@ -1,0 +1,251 @@
+"""Columns of a CSV or Parquet file, read cell by cell, so that errors name the line and the column.
+
+The only module that imports pyarrow. The CSV reader is the standard library's: pandas fills short rows silently and
+does not know on which line a row stands.
+"""
+
+import csv
+import io
+import math
+import re
+import reprlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from sidestep.errors import SidestepError
+from sidestep.files import reason
+
+MOST_ROWS = 20_000_000  # more would not fit into memory as text
+MOST_BYTES = 2**31
+
+_WHOLE = re.compile(r"[-+]?[0-9]{1,19}")
+_DIGITS = 18  # that a whole number may have
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The cells of a file by column, and where they stand.
+
+    Methods raise errors of the type ``error``; their ``field`` is the column, their ``line`` the line or row.
+    """
+
+    source: str
+    """Name of the file."""
+    cells: dict[str, list[Any]]
+    """Text without blanks around it from CSV, "" where a cell is empty; Python objects from Parquet."""
+    lines: list[int]
+    """Line of the file, or number of the row counted from 1, for each row of cells."""
+    error: type[SidestepError]
+    """Type of the errors that the methods raise."""
+    line: str = "line"
+    """The word for an entry of ``lines``."""
+
+    def __contains__(self, column: str) -> bool:
+        return column in self.cells
+
+    @property
+    def rows(self) -> int:
+        """Number of rows below the header."""
+        return len(self.lines)
+
+    def refuse(self, row: int, column: str | None, problem: str) -> SidestepError:
+        """An error about a row, or about its cell in one column."""
+        cell = "" if column is None else f", column {_quoted(column)}"
+        where = f"{self.source}: {self.line} {self.lines[row]}{cell}"
+        return self.error(f"{where}: {' '.join(problem.split())}", field=column, line=self.lines[row])
+
+    def refuse_any(self, column: str, wrong: Bool[np.ndarray, " row"], problem: str) -> None:
+        """Raise an error about the first wrong cell of a column, if there is one; its message begins with the cell."""
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise self.refuse(row, column, f"{_quoted(self.cells[column][row])} {problem}")
+
+    def whole_numbers(self, column: str) -> Int[np.ndarray, " row"]:
+        """A column of whole numbers."""
+        return np.array(self._parsed(column, cache(_whole)), np.int64)
+
+    def numbers(
+        self, column: str, largest: float, unit: str, *, empty: float | None = None
+    ) -> Float[np.ndarray, " row"]:
+        """A column of numbers from 0 to ``largest``; ``empty`` is the value of empty cells, where they are allowed."""
+        values = np.array(self._parsed(column, _number, empty), np.float64)
+        self.refuse_any(column, values < 0, "is negative")
+        self.refuse_any(column, values > largest, f"is more than {largest:g} {unit}")
+        return values
+
+    def times(self, column: str) -> Int[np.ndarray, " row"]:
+        """A column of local wall times without an offset, in whole seconds since 1970."""
+        return np.array(self._parsed(column, cache(_seconds)), np.int64)
+
+    def _parsed(self, column: str, parse: Callable[[Any], Any], empty: float | None = None) -> list[Any]:
+        """Every cell of a column parsed; a ``ValueError`` of ``parse`` becomes the sentence about the cell."""
+        row = 0
+        found = []
+        try:
+            for row, cell in enumerate(self.cells[column]):  # noqa: B007 - the number is needed when it fails
+                found.append(empty if empty is not None and cell == "" else parse(cell))
+        except (ValueError, TypeError) as error:
+            raise self.refuse(row, column, str(error)) from error
+        return found
+
+
+def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False) -> Columns:
+    """Read a comma-separated file with a header; blank lines are skipped.
+
+    Parameters
+    ----------
+    path
+        The file, in UTF-8.
+    error
+        Type of the errors about it.
+    fold_case
+        Whether names of columns become lower-case.
+
+    Raises
+    ------
+    SidestepError
+        Of type ``error``: a file that is not readable, not text or empty; a header with an empty name or the same name
+        twice; a line with more or fewer cells than the header; no line below the header.
+    """
+    try:
+        text = _content(path, error).decode("utf-8-sig")
+    except UnicodeDecodeError as found:
+        raise error(f"{path}: not a text file (UTF-8): byte {found.start} cannot be read") from found
+    if "\0" in text:
+        raise error(f"{path}: not a text file: it contains null characters")
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    names: list[str] = []
+    rows, lines = [], []
+    try:
+        for cells in reader:
+            stripped = [cell.strip() for cell in cells]
+            if not any(stripped):
+                continue
+            if not names:
+                names = _names(path, stripped, error, fold_case=fold_case, line=reader.line_num)
+                continue
+            if len(cells) != len(names):
+                said = f"{len(cells)} cells, the header has {len(names)}"
+                raise error(f"{path}: line {reader.line_num} has {said}", line=reader.line_num)
+            rows.append(stripped)
+            lines.append(reader.line_num)
+    except csv.Error as found:
+        line = reader.line_num
+        raise error(f"{path}: line {line}: not comma-separated values: {found}", line=line) from found
+    _check_rows(path, len(rows), error)
+    columns = map(list, zip(*rows, strict=True))
+    return Columns(str(path), dict(zip(names, columns, strict=True)), lines, error)
+
+
+def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
+    """Read a Parquet file; as `read_csv` with lower-case names, but errors count rows from 1, and pyarrow is needed."""
+    data = _content(path, error)
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as found:
+        raise error(f"{path}: Parquet takes pyarrow: pip install 'sidestep[parquet]'") from found
+    try:
+        file = parquet.ParquetFile(pa.BufferReader(data))
+        names = _names(path, file.schema_arrow.names, error, fold_case=True)
+        _check_rows(path, file.metadata.num_rows, error)
+        table = file.read()
+        cells = {
+            name: list(map(_stripped, column.to_pylist())) for name, column in zip(names, table.columns, strict=True)
+        }
+    except SidestepError:
+        raise
+    except (pa.ArrowException, OSError, LookupError, TypeError, ValueError, ArithmeticError, MemoryError) as found:
+        said = " ".join(str(found).split()) or type(found).__name__
+        raise error(f"{path}: damaged, or not a Parquet file: {said:.200}") from found
+    return Columns(str(path), cells, list(range(1, 1 + table.num_rows)), error, "row")
+
+
+def typical_step(ascending: Int[np.ndarray, " time"]) -> int:
+    """The median difference of two or more ascending whole numbers, the lower one of two: gaps hardly change it."""
+    steps = np.sort(np.diff(ascending))
+    return int(steps[(len(steps) - 1) // 2])
+
+
+def _content(path: Path, error: type[SidestepError]) -> bytes:
+    try:
+        too_large = path.stat().st_size > MOST_BYTES
+        data = b"" if too_large else path.read_bytes()
+    except (OSError, ValueError) as found:  # ValueError: a path with a null character
+        said = reason(found) if isinstance(found, OSError) else str(found)
+        raise error(f"{path}: cannot be read: {said}") from found
+    if too_large:
+        raise error(f"{path}: larger than {MOST_BYTES >> 30} GiB; split it into several files")
+    if not data.strip():
+        raise error(f"{path}: the file is empty")
+    return data
+
+
+def _check_rows(path: Path, rows: int, error: type[SidestepError]) -> None:
+    if not rows:
+        raise error(f"{path}: no rows below the header")
+    if rows > MOST_ROWS:
+        raise error(f"{path}: more than {MOST_ROWS:,} rows; split it into several files")
+
+
+def _names(
+    path: Path, cells: Sequence[str], error: type[SidestepError], *, fold_case: bool, line: int | None = None
+) -> list[str]:
+    names = [cell.strip().lower() if fold_case else cell.strip() for cell in cells]
+    for number, name in enumerate(names):
+        if not name:
+            raise error(f"{path}: column {number + 1} of the header has no name", line=line)
+        if name in names[:number]:
+            raise error(f"{path}: column {_quoted(name)} appears twice in the header", field=name, line=line)
+    return names
+
+
+def _quoted(cell: object) -> str:
+    return reprlib.repr(cell)  # shortened: a damaged file's "cell" can be megabytes long
+
+
+def _stripped(cell: Any) -> Any:
+    return "" if cell is None else cell.strip() if isinstance(cell, str) else cell
+
+
+def _whole(cell: Any) -> int:
+    is_text = isinstance(cell, str) and _WHOLE.fullmatch(cell)
+    if not (is_text or (isinstance(cell, int | float) and not isinstance(cell, bool) and cell % 1 == 0)):
+        raise _no("a whole number", cell)
+    if abs(number := int(cell)) >= 10**_DIGITS:
+        raise _no(f"a whole number of at most {_DIGITS} digits", cell)
+    return number
+
+
+def _number(cell: Any) -> float:
+    try:
+        value = math.nan if isinstance(cell, bool) else float(cell)
+    except (ValueError, TypeError, OverflowError):
+        value = math.nan
+    if not math.isfinite(value) or (isinstance(cell, str) and "_" in cell):  # float() also takes 1_000
+        raise _no("a finite number", cell)
+    return value
+
+
+def _seconds(cell: Any) -> int:
+    try:
+        time = datetime.fromisoformat(cell) if isinstance(cell, str) else cell
+        since = time - datetime(1970, 1, 1, tzinfo=time.tzinfo)
+    except (ValueError, AttributeError) as error:
+        raise _no("an ISO 8601 time such as 2025-05-24T12:30", cell) from error
+    if time.tzinfo is not None:
+        raise _no("local wall time: it has an offset", cell)
+    if time.microsecond:
+        raise _no("in whole seconds", cell)
+    return int(since.total_seconds())
+
+
+def _no(wanted: str, cell: Any) -> ValueError:
+    return ValueError("is empty" if cell == "" else f"{_quoted(cell)} is not {wanted}")
