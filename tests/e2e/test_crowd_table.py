@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -146,7 +147,7 @@ file = "made.npz"
     assert not problem.sensed
     assert isinstance(draw_map(problem, 0).flow, TableFlow)
     # Of 16 crossings one is where a walk begins and one is spared.
-    assert preset_for(problem, "default").goals == 14
+    assert preset_for(problem, "default").destinations == 14
     file.write_text(text.replace("[counts]", "[counts]\nplaces = 3"))
     with pytest.raises(ScenarioError, match=r"tabled.toml: line 9: .*places means nothing to a table of crowds"):
         load_scenario(file)
@@ -160,7 +161,7 @@ def test_walks_through_a_table(folder: Path) -> None:
     place = draw_map(problem, 0)
     assert isinstance(place.flow, TableFlow)
     assert place.recorded is None
-    first, second = np.asarray(place.flow.expected(np.array([132.0, 133.0]), 2).density(place.network))[:, 0, :3]
+    first, second = np.asarray(place.flow.expected(jnp.array([132.0, 133.0]), 2).density(place.network))[:, 0, :3]
     assert first == pytest.approx([0, 3.70808, 3.70808], rel=1e-4)
     assert second == pytest.approx([3.70808, 3.70808, 0], rel=1e-4)
     chosen = choose(["shortest-path", "expected", "clairvoyant", "snapshot", "forecast"], {**BASELINES, **REPLANNING})
