@@ -114,11 +114,9 @@ class _Learned(PlannerInfo):
     def factory(self, training: Training) -> PlannerFactory:
         from sidestep.planners.learned import trainable
 
-        asked = training.scenario, training.seed, training.level or training.scenario.level
-        found = trainable(*asked, training.preset, training.destinations)
-        if self.name not in found:
-            raise PlannerError(f"{self.name} learns only grids with one destination", field="planners")
-        return found[self.name]
+        level = training.level or training.scenario.level if self.level == "any" else self.level
+        preset = training.preset if self.name == "darp" else self.name
+        return trainable(training.scenario, training.seed, level, preset, training.destinations)  # type: ignore[arg-type]
 
 
 def register_planner(planner: PlannerSource, *, use: str = "") -> PlannerSource:
