@@ -16,7 +16,7 @@ from sidestep.agent.q_networks import DuelingQNetwork
 from sidestep.agent.td import mask
 from sidestep.agent.train import RoundReport, TrainState, selected_params, training_rounds
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.episodes import standard_destinations
+from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 from sidestep.scenarios.model import Scenario
 
@@ -251,7 +251,7 @@ def test_several_maps_and_destinations_are_learned_together() -> None:
     )  # fmt: skip
     scenario_map = draw_training_map(several, seed=3)
     assert scenario_map.parts == (9, 9)
-    destinations = standard_destinations(scenario_map.parts, 2)
+    destinations = destinations_of(scenario_map, 2)
     states = [state for state, _ in follow_training(training_rounds(config, several, scenario_map))]
     assert len(states) == 2
     walks = states[-1].walkers.state.instance

@@ -14,7 +14,7 @@ from sidestep.crowds.crowd_table import load_crowd_table, save_crowd_table
 from sidestep.crowds.table_flow import TableFlow
 from sidestep.crowds.table_reader import read_table
 from sidestep.evaluation.compare import compare
-from sidestep.network.formats import save_town
+from sidestep.network.formats import load_town, save_town
 from sidestep.network.town import Town
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import scenario
@@ -23,6 +23,7 @@ from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import CrowdTable, Venue
 from sidestep.scenarios.reader import load_scenario
 from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.tables import import_table
 
 SIDE = 4
 
@@ -89,23 +90,30 @@ def test_people_are_told_what_was_filled(folder: Path) -> None:
         "1 of 48 segments in 3 slots of 2 min",
         "gap",
         "not mentioned",
-        "nothing here: seen",
+        "here: seen",
         "2.40",
     ):
         assert said in done.stdout
-    (folder / "slow.csv").write_text("segment,slot,speed\n0,0,0.01\n1,0,0.1\n2,0,0.2\n")
-    for law, slower in (("weidmann", 1), ("power-capped", 2)):  # their lowest speeds are .05 and 1.34 12^-.8 = .184
-        done = run(folder, "slow.csv", "--out", "slow.npz", "--law", law)
-        assert f"(speeds by the law {law}, {slower} below its lowest)" in done.stdout
     assert load_crowd_table(folder / "gap.npz").value.tolist() == [[400], [600], [800]]
+
+
+def test_speeds_below_the_lowest_of_a_law_are_counted(folder: Path) -> None:
+    (folder / "slow.csv").write_text("segment,slot,speed\n0,0,0.01\n1,0,0.1\n2,0,0.2\n")
+    done = run(folder, "slow.csv", "--out", "slow.npz", "--law", "power-capped")
+    assert "power-capped, 2 below" in done.stdout
+    # The lowest speeds are .05 and 1.34 12^-.8 = .184.
+    town = load_town(folder / "town.npz")
+    for law, slower in (("weidmann", 1), ("power-capped", 2)):
+        _, report = import_table(folder / "slow.csv", town, law=law)
+        assert (report.law, report.slower_than_law) == (law, slower)
 
 
 @pytest.mark.parametrize(
     ("text", "args", "said"),
     [
-        ("segment,slot,volume\n0,0,1\n0,1,-1\n", (), "bad.csv: line 3, column volume: '-1' is negative"),
-        ("segment,slot,volume\n0,0,1\n", ("--slot", "0"), "--slot must be a positive number of minutes, not 0"),
-        ("segment,slot,volume\n0,0,1\n", ("--out", "bad.csv"), "give a name that ends so"),
+        ("segment,slot,volume\n0,0,1\n0,1,-1\n", (), "bad.csv: line 3"),
+        ("segment,slot,volume\n0,0,1\n", ("--slot", "0"), "--slot"),
+        ("segment,slot,volume\n0,0,1\n", ("--out", "bad.csv"), ".npz"),
     ],
 )
 def test_bad_input_is_one_sentence(folder: Path, text: str, args: tuple[str, ...], said: str) -> None:

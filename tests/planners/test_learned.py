@@ -17,8 +17,9 @@ from sidestep.agent.presets import PRESETS, preset, preset_for
 from sidestep.agent.q_networks import QTable, untrained
 from sidestep.planners import learned
 from sidestep.planners.learned import Darp, ModelError, load_planners, trainable, trained_darp
+from sidestep.scenarios import build
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.episodes import standard_destinations
+from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
 
@@ -31,11 +32,18 @@ ANYWHERE = PLACES.changed(places=0, level="map")
 IN_TOWN = preset_for(TOWN, "default").changed(**SMALL)
 
 
-def save(folder: Path, config: TrainConfig, problem: Scenario, index: int = 0, fingerprint: str = "") -> Path:
+def save(
+    folder: Path,
+    config: TrainConfig,
+    problem: Scenario,
+    index: int = 0,
+    fingerprint: str = "",
+    known_as: Scenario | None = None,
+) -> Path:
     """A model as it is saved; what it has learned does not matter."""
     q_network = untrained(config, problem, draw_map(problem, 0, index).network, jax.random.key(0))
     metadata = Metadata(
-        scenario=problem, seed=0, map=index, config=config, curve=((7.0, 8.0),), fingerprint=fingerprint
+        scenario=known_as or problem, seed=0, map=index, config=config, curve=((7.0, 8.0),), fingerprint=fingerprint
     )
     folder.mkdir(exist_ok=True)
     with (folder / checkpoint.MODEL).open("wb") as file:
@@ -68,7 +76,7 @@ def test_margins_come_with_the_model() -> None:
 def test_a_model_of_places_walks_its_own_map(tmp_path: Path) -> None:
     folder = save(tmp_path, PLACES, GRID, index=2, fingerprint=draw_map(GRID, 0, 2).fingerprint)
     found = load_planners([folder], GRID, 0)
-    ends = standard_destinations((9,), 2).ravel().tolist()
+    ends = destinations_of(draw_map(GRID, 0, 2), 2).ravel().tolist()
     assert (found.index, found.destinations) == (2, frozenset(ends))
     found.check_destinations(draw_map(GRID, 0, 2), 2)
     with pytest.raises(ModelError) as caught:
@@ -117,15 +125,17 @@ def test_models_walk_what_they_were_trained_for(
     assert load_planners([tmp_path], trained_on, 0, config.level).index is None
 
 
-def test_a_model_can_be_read_without_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save(tmp_path, IN_TOWN, TOWN)
+def test_a_model_can_be_read_where_its_files_are_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = TOWN.changed(streets=str(tmp_path / "gone.npz"), file=str(tmp_path / "gone.csv"), destinations=(3,))
+    save(tmp_path, IN_TOWN, TOWN, known_as=gone)
 
     def never(*_: object) -> None:
         raise AssertionError
 
     monkeypatch.setattr(checkpoint, "draw_training_map", never)
+    monkeypatch.setattr(build, "town_of", never)
     model = checkpoint.load_model(tmp_path)
-    assert (model.metadata.scenario, model.metadata.config) == (TOWN, IN_TOWN)
+    assert (model.metadata.scenario, model.metadata.config) == (gone, IN_TOWN)
     # It has the numbers of its own town's streets, not those that it was read with.
     assert float(model.q_network.metres) == pytest.approx(float(jnp.mean(draw_map(TOWN, 0).network.length)))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sidestep.crowds.profile import hour_of_week
-from sidestep.crowds.sensors import fit_sensors, recorded_weeks
+from sidestep.crowds.sensor_model import fit_sensors, recorded_weeks
 from sidestep.scenarios.build import attribution_of, town_of
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.crowd_sources import counts_of

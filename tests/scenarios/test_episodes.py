@@ -1,5 +1,6 @@
 """Which walks are walked, in turn and at random."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -12,7 +13,14 @@ from scipy.stats import chisquare, kstest
 
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.episodes import DRAWS, InstanceSampler, instances, sampler, standard_destinations
+from sidestep.scenarios.episodes import (
+    DRAWS,
+    InstanceSampler,
+    destinations_of,
+    instances,
+    sampler,
+    standard_destinations,
+)
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 from sidestep.scenarios.model import Scenario
@@ -166,27 +174,36 @@ def test_walks_take_the_parts_in_turn() -> None:
 
 
 def test_destinations_are_a_node_of_each_part() -> None:
-    assert standard_destinations((9,), 1).tolist() == [[8]]
-    assert standard_destinations((9, 16), 1).tolist() == [[8, 24]]
-    ends = standard_destinations((9, 16), 5)
-    assert ends.shape == (5, 2)
+    ends = standard_destinations((9, 16))
+    assert ends.shape == (8, 2)
     assert ends[0].tolist() == [8, 24]  # the scenario's own come first
-    assert len(set(ends.ravel().tolist())) == 10
-    assert set(ends[:, 0].tolist()) <= set(range(1, 9))  # never the first node, where walks begin
+    assert len(set(ends.ravel().tolist())) == 16
+    assert set(ends[:, 0].tolist()) == set(range(1, 9))  # never the first node, where walks begin
     assert set(ends[:, 1].tolist()) <= set(range(10, 25))
-    # all that there are, and fewer are the first of them
-    assert sorted(standard_destinations((9,), 8).ravel().tolist()) == list(range(1, 9))
-    assert standard_destinations((9,), 3).tolist() == standard_destinations((9,), 8)[:3].tolist()
+
+
+def test_fewer_destinations_are_the_first_of_all(scenario_map) -> None:
+    every = standard_destinations((9,)).tolist()
+    assert destinations_of(scenario_map, 3).tolist() == every[:3]
+    # nobody walks to where all walks begin
+    alone = replace(scenario_map, origins=(every[1][0],))
+    assert destinations_of(alone, 2).tolist() == [every[0], every[2]]
+    own = replace(scenario_map, destinations=(2, 5, 7))
+    assert sorted(destinations_of(own, 3).ravel().tolist()) == [2, 5, 7]
+    with pytest.raises(ScenarioError) as caught:
+        destinations_of(own, 4)
+    assert caught.value.field == "destinations"
 
 
 @pytest.mark.parametrize("destinations", [0, -1, 9])
-def test_there_are_not_that_many_destinations(destinations: int) -> None:
-    with pytest.raises(ScenarioError, match=f"between 1 and 8 destinations, not {destinations}"):
-        standard_destinations((9, 16), destinations)
+def test_there_are_not_that_many_destinations(scenario_map, destinations: int) -> None:
+    with pytest.raises(ScenarioError, match=f"between 1 and 8 destinations, not {destinations}") as caught:
+        destinations_of(scenario_map, destinations)
+    assert caught.value.field == "destinations"
 
 
 def test_samplers_for_several_destinations(scenario_map) -> None:
-    ends = standard_destinations(scenario_map.parts, 3)
+    ends = destinations_of(scenario_map, 3)
     params = make_environment(small(), scenario_map, "learn", 9, destinations=ends)
     draws = jnp.asarray(np.random.default_rng(0).random((500, 4)), jnp.float32)
     samplers = [sampler(small(), scenario_map, params, 4, destinations=ends, anywhere=where) for where in (False, True)]
@@ -206,7 +223,7 @@ def test_samplers_for_several_destinations(scenario_map) -> None:
 def test_more_destinations_than_futures_are_refused() -> None:
     scenario_map = draw_map(small(), 0)
     params = make_environment(small(flows="forecast"), scenario_map, "test", 5)
-    destinations = standard_destinations(scenario_map.parts, 3)
+    destinations = destinations_of(scenario_map, 3)
     with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 1"):
         sampler(small(), scenario_map, params, 5, destinations=destinations)
     enough = make_environment(small(), scenario_map, "test", 5, destinations=destinations)
@@ -218,7 +235,7 @@ def test_more_destinations_than_futures_are_refused() -> None:
 
 def test_walks_from_anywhere_go_to_each_destination_in_turn() -> None:
     scenario_map = draw_map(small(), 0)
-    destinations = standard_destinations(scenario_map.parts, 3)
+    destinations = destinations_of(scenario_map, 3)
     params = make_environment(small(), scenario_map, "test", 90, level="map", destinations=destinations)
     walks = instances(small(), scenario_map, params, 90, destinations=destinations)
     assert np.asarray(walks.destination).tolist() == destinations[:, 0].tolist() * 30

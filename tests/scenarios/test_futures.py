@@ -7,7 +7,7 @@ import pytest
 
 from sidestep.environment.types import EnvParams, RewardWeights
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.episodes import standard_destinations
+from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
 from sidestep.scenarios.maps import ScenarioMap, draw_map
 from sidestep.scenarios.model import Scenario
@@ -183,7 +183,7 @@ def test_renewed_futures_take_the_place_of_those_they_replace() -> None:
     # Of eight futures for three destinations the first five are renewed, two at a time: 2 and 3, 4 and 0, and so on.
     problem = tiny_unseen(horizon=1500.0)
     scenario_map = draw_map(problem, 0)
-    destinations = standard_destinations(scenario_map.parts, 3)
+    destinations = destinations_of(scenario_map, 3)
     params = make_environment(
         problem, scenario_map, "learn", 8, level="live", destinations=destinations, hours=[7.0, 30.0, 100.0]
     )

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sidestep.agent.presets import preset_for
-from sidestep.evaluation.compare import walk_map
-from sidestep.planners.registry import BASELINES
+from sidestep.evaluation.compare import compare
+from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import check_paths, destinations_of, instances, random_destinations, sampler
 from sidestep.scenarios.futures import make_environment
@@ -125,6 +125,7 @@ def test_the_only_origin_is_nobodys_destination(somewhere) -> None:
 
 def test_a_comparison_walks_between_the_venues_places(somewhere) -> None:
     problem, _ = somewhere
-    walked = walk_map(problem, {"shortest-path": BASELINES["shortest-path"]}, 5, 0, None, 0)["shortest-path"]
-    assert walked.minutes.shape == (5,)
+    chosen = choose_planners(problem, ["shortest-path"]).factories
+    walked = compare(problem, chosen, maps=[0], walks=5).records["shortest-path"]
+    assert walked.minutes.shape == (1, 5)
     assert (walked.minutes > 0).all()

@@ -104,8 +104,6 @@ def test_replaced_futures() -> None:
 def test_denser_crowds() -> None:
     few = sensed(np.arange(24).reshape(2, 4, 3) / 10, LINE_SPREAD)
     np.testing.assert_array_equal(few.scaled(1.5).crowds.sensed, 1.5 * few.crowds.sensed)
-    with pytest.raises(ValueError, match="interpolated"):
-        dense_speeds(LINE, FlowField(VOLUME, SLOT), LAW).scaled(1.5)
 
 
 def test_sensed_speeds_by_hand() -> None:

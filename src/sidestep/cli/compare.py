@@ -5,33 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from sidestep.cli import options
 from sidestep.cli.console import new_table, print_table, progress
-from sidestep.cli.options import (
-    UNCHANGED,
-    By,
-    Changes,
-    Json,
-    LevelOption,
-    Models,
-    PresetOption,
-    ScenarioOption,
-    Seed,
-    Whole,
-    Workers,
-    at_least,
-    check_minutes,
-    names_in,
-    read_scenario,
-    start_jax,
-    thread_count,
-)
 
 if TYPE_CHECKING:
     from sidestep.evaluation.compare import Results
 
 
 def compare(
-    scenario: ScenarioOption,
+    scenario: options.ScenarioOption,
     /,
     *,
     planners: Annotated[
@@ -41,42 +23,42 @@ def compare(
             "need no training, and darp. Models walk in any case."
         ),
     ] = None,
-    maps: Annotated[int | None, Whole(help="Number of maps; by default the scenario's.")] = None,
-    walks: Annotated[int | None, Whole(help="Walks on each map; by default the scenario's.")] = None,
-    level: LevelOption = None,
-    preset: PresetOption = "default",
-    model: Models = None,
+    maps: Annotated[int | None, options.Whole(help="Number of maps; by default the scenario's.")] = None,
+    walks: Annotated[int | None, options.Whole(help="Walks on each map; by default the scenario's.")] = None,
+    level: options.LevelOption = None,
+    preset: options.PresetOption = "default",
+    model: options.Models = None,
     destinations: Annotated[
         int | None,
-        Whole(
+        options.Whole(
             help="Number of destinations to walk to, from anywhere; by default walks go from corner to corner on "
             "grids, and to all destinations in real places."
         ),
     ] = None,
-    by: By = None,
+    by: options.By = None,
     against: Annotated[str, Parameter(help="Planner that the others' minutes are set against.")] = "expected",
     timing: Annotated[
         bool, Parameter(negative=(), help="Measure how long decisions take; planning is then done twice.")
     ] = False,
-    changes: Changes = UNCHANGED,
-    seed: Seed = 0,
-    workers: Workers = None,
-    as_json: Json = False,
+    changes: options.Changes = options.UNCHANGED,
+    seed: options.Seed = 0,
+    workers: options.Workers = None,
+    as_json: options.Json = False,
 ) -> None:
     """Compare planners on the same maps and through the same crowds."""
-    at_least("seed", seed, 0)
-    check_minutes(by)
+    options.at_least("seed", seed, 0)
+    options.check_minutes(by)
     for option, number in (("maps", maps), ("walks", walks)):
-        at_least(option, 1 if number is None else number, 1)
-    threads = thread_count(workers)
-    start_jax()
+        options.at_least(option, 1 if number is None else number, 1)
+    threads = options.thread_count(workers)
+    options.start_jax()
     from sidestep.evaluation.compare import compare as run
     from sidestep.planners.registry import choose_planners
 
-    problem = read_scenario(scenario, changes)
+    problem = options.read_scenario(scenario, changes)
     chosen = choose_planners(
         problem,
-        names_in(planners),
+        options.names_in(planners),
         models=model or (),
         against=against,
         seed=seed,

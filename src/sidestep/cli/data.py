@@ -19,26 +19,26 @@ if TYPE_CHECKING:
     from sidestep.scenarios.tables import TableReport
 
 
-counts_app = App(name="counts", help="Counts and crowds: what a file holds, and what is made of it.")
+counts_app = App(name="counts", help="Report on counts of pedestrians, or import tables of crowds.")
 
 
 @counts_app.default
 def counts(
     file: Annotated[
-        Path | None, Parameter(help="Hourly counts as CSV (time, then a column a sensor); by default Auckland's.")
+        Path | None, Parameter(help="Hourly counts as CSV: time, then a column for each sensor; by default Auckland's.")
     ] = None,
     /,
     *,
     sensor: Annotated[
-        str | None, Parameter(help="Sensor to model; by default the one that the scenarios use, or the first.")
+        str | None, Parameter(help="Sensor to model; by default the scenarios' own, or the first of the file.")
     ] = None,
     p: Annotated[int, Whole(help="Autoregressive order.")] = 1,
-    d: Annotated[int | None, Whole(help="Differences; by default the data choose.")] = None,
+    d: Annotated[int | None, Whole(help="Order of differencing; by default the data choose it.")] = None,
     q: Annotated[int, Whole(help="Moving-average order.")] = 0,
-    seed: Annotated[int, Whole(help="Seed of the simulated week that is set beside the counts.")] = 0,
+    seed: Annotated[int, Whole(help="Seed of the simulated week shown beside the counts.")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Show what was loaded, what was repaired, the fitted model, and how well it predicts the next hour."""
+    """Report on hourly counts: what was repaired, a fitted model, and how well it predicts the next hour."""
     at_least("seed", seed, 0)
     start_jax()
     from sidestep.crowds.summary import summarise_counts
@@ -52,20 +52,22 @@ def counts(
 
 @counts_app.command(name="import")
 def import_counts(
-    table: Annotated[Path, Parameter(help="Crowds by segment and slot: .csv or .parquet; see docs/counts.md.")],
+    table: Annotated[
+        Path, Parameter(help="Table of crowds by segment and slot: .csv or .parquet, see docs/counts.md.")
+    ],
     /,
     *,
-    network: Annotated[str, Parameter(help="Streets that the table is about: a file, or helsinki.")],
-    out: Annotated[Path, Parameter(help="File for the crowds, .npz; a venue's counts may name it.")],
+    network: Annotated[str, Parameter(help="Streets of the table: a file, or helsinki.")],
+    out: Annotated[Path, Parameter(help="File for the crowds, .npz; scenario files may name it.")],
     slot: Annotated[
-        float | None, Parameter(help="Minutes of a slot, where the table numbers them; by default 5.")
+        float | None, Parameter(help="Minutes of a slot, for tables with slot numbers; by default 5.")
     ] = None,
     law: Annotated[
-        Literal["power", "power-capped", "weidmann"], Parameter(help="Density by speed, for what is printed.")
+        Literal["power", "power-capped", "weidmann"], Parameter(help="Speed law for the densities in this report.")
     ] = "weidmann",
     as_json: Json = False,
 ) -> None:
-    """Turn a table of crowds into crowds on streets, and say what was filled in."""
+    """Import a table of crowds on the segments of a town, and report what was filled in."""
     check_minutes(slot, "slot")
     start_jax()
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
@@ -146,7 +148,7 @@ def _width(option: str) -> tuple[str, float]:
 
 
 def show_counts(summary: "CountSummary", seed: int) -> None:
-    """Print what a table of counts holds, what was repaired, and how the fitted models do."""
+    """Print counts, their repairs, the fitted model and its errors."""
     title = (
         f"{summary.source}: {summary.hours:,} hours, {summary.first} to {summary.last}, {len(summary.sensors)} sensors"
     )
@@ -156,9 +158,8 @@ def show_counts(summary: "CountSummary", seed: int) -> None:
             table.add_row(repair.kind, repair.sensor or "all", f"{repair.hours:,}", repair.detail)
         print_table(table)
     else:
-        print(f"{title}; nothing had to be repaired")
-    p, d, q = summary.order
-    print(f"{summary.sensor}, {summary.train[0]} to {summary.train[1]}: ARIMA({p}, {d}, {q})")
+        print(f"{title}; no repairs")
+    print(f"{summary.sensor}, {summary.train[0]} to {summary.train[1]}: ARIMA{summary.order}")
     print(f"  ar {_listed(summary.ar)}, ma {_listed(summary.ma)} (the paper's signs), ", end="")
     print(f"mean {summary.mean:.1f}, sigma {summary.sigma:.1f} persons/h")
     print(
@@ -197,19 +198,23 @@ def show_import(report: "ImportReport") -> None:
 
 
 def show_table(report: "TableReport") -> None:
-    """Print what a table of crowds holds, and what was filled in."""
+    """Print the contents of a table of crowds, and what was filled in."""
     span = "" if report.begins is None else f", {report.begins} to {report.ends}"
     print(
         f"{report.source}: {report.rows:,} rows, {report.quantity} on {report.mentioned:,} of {report.segments:,} "
         f"segments in {report.slots:,} slots of {report.slot_seconds / 60:g} min{span}"
     )
     if report.unused_columns:
-        print(f"Columns that mean nothing here: {', '.join(report.unused_columns)}")
-    table = new_table("filled", ">number", "detail", title="")
+        print(f"Columns without a meaning here: {', '.join(report.unused_columns)}")
+    table = new_table("filled in", ">number", "detail", title="")
     for kind, number in report.filled.items():
         table.add_row(kind, f"{number:,}", report.details[kind])
     if table.row_count:
         print_table(table)
-    by = "" if report.law is None else f" (speeds by the law {report.law}, {report.slower_than_law:,} below its lowest)"
-    print(f"Densest: {report.largest_density:.2f} persons/m²{by}")
-    print(f"More than 1 person/m²: {report.share_above_1:.1%} of all segments' slots, 4: {report.share_above_4:.1%}")
+    by = (
+        ""
+        if report.law is None
+        else f" (from speeds by the law {report.law}, {report.slower_than_law:,} below its lowest)"
+    )
+    print(f"Largest density: {report.largest_density:.2f} persons/m²{by}")
+    print(f"Slots of segments above 1 person/m²: {report.share_above_1:.1%}, above 4: {report.share_above_4:.1%}")

@@ -9,33 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from sidestep.cli import options
 from sidestep.cli.compare import show_results
 from sidestep.cli.console import new_table, print_table, progress
-from sidestep.cli.options import (
-    UNCHANGED,
-    Changes,
-    Json,
-    Out,
-    ScenarioOption,
-    Seed,
-    Whole,
-    Workers,
-    at_least,
-    names_in,
-    read_scenario,
-    start_jax,
-    thread_count,
-)
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
     from sidestep.experiments.trade_off import TradeOffJson
 
 
-def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> None:
+def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: options.Json = False) -> None:
     """Train an agent on one congested map, compare it with other planners, and draw their paths."""
-    at_least("seed", seed, 0)
-    start_jax()
+    options.at_least("seed", seed, 0)
+    options.start_jax()
     from sidestep.experiments.demo import CONFIG, demonstrate
     from sidestep.files import output_folder
 
@@ -52,22 +38,22 @@ def demo(*, out: Out = Path("demo"), seed: Seed = 0, as_json: Json = False) -> N
 
 def reproduce(
     *,
-    maps: Annotated[int, Whole(help="Number of maps in each condition.")] = 100,
+    maps: Annotated[int, options.Whole(help="Number of maps in each condition.")] = 100,
     quick: Annotated[bool, Parameter(negative=(), help="Run everything in small: 2 maps, 5 walks.")] = False,
-    out: Out = Path("reproduction"),
-    seed: Seed = 0,
+    out: options.Out = Path("reproduction"),
+    seed: options.Seed = 0,
     rule: Annotated[
         Literal["integrated", "entry"],
         Parameter(help="Integrate crossing times over all slots, or keep the density at entry (the paper)."),
     ] = "integrated",
-    workers: Workers = None,
-    as_json: Json = False,
+    workers: options.Workers = None,
+    as_json: options.Json = False,
 ) -> None:
     """Reproduce the paper's figures and numbers, and judge its claims."""
-    at_least("seed", seed, 0)
-    at_least("maps", maps, 1)
-    threads = thread_count(workers)
-    start_jax()
+    options.at_least("seed", seed, 0)
+    options.at_least("maps", maps, 1)
+    threads = options.thread_count(workers)
+    options.start_jax()
     from sidestep.experiments.paper import QUICK, Plan
     from sidestep.experiments.paper import reproduce as run
     from sidestep.files import output_folder
@@ -89,7 +75,7 @@ def reproduce(
 
 
 def trade_off(
-    scenario: ScenarioOption,
+    scenario: options.ScenarioOption,
     /,
     *,
     planners: Annotated[
@@ -98,32 +84,32 @@ def trade_off(
     weights: Annotated[
         str, Parameter(help="Weights of exposure in seconds for each person·s/m², separated by commas.")
     ] = "0,0.1,0.2,0.5,1,2,5,10",
-    walks: Annotated[int, Whole(help="Number of walks for each weight.")] = 20,
-    changes: Changes = UNCHANGED,
+    walks: Annotated[int, options.Whole(help="Number of walks for each weight.")] = 20,
+    changes: options.Changes = options.UNCHANGED,
     out: Annotated[Path, Parameter(help="File for the picture (.png).")] = Path("trade-off.png"),
-    seed: Seed = 0,
-    as_json: Json = False,
+    seed: options.Seed = 0,
+    as_json: options.Json = False,
 ) -> None:
     """Take the same walks with more and more weight on the crowd met, and draw time against crowds.
 
     All walks are on map 0. The weights replace the exposure of --objective.
     """
-    at_least("seed", seed, 0)
-    at_least("walks", walks, 1)
+    options.at_least("seed", seed, 0)
+    options.at_least("walks", walks, 1)
     if out.suffix.lower() != ".png" or out.is_dir():
         raise SidestepError(f"--out must be a picture's file, such as trade-off.png, not {out}", field="out")
     steps = [_weight(weight) for weight in weights.split(",")]
-    start_jax()
+    options.start_jax()
     from sidestep.experiments.trade_off import trade_off as run
     from sidestep.files import output_folder
     from sidestep.plotting import save, trade_off_curve
 
-    problem = read_scenario(scenario, changes)
+    problem = options.read_scenario(scenario, changes)
     output_folder(out.parent)
     with progress("weighing", len(steps), 1, "weights") as advance:
         found = run(
             problem,
-            planners=names_in(planners) or (),
+            planners=options.names_in(planners) or (),
             weights=steps,
             walks=walks,
             seed=seed,

@@ -107,6 +107,6 @@ def show_run(scenario: str, run: "TrainingRun") -> None:
     )
     print(metadata.scenario.summary, end="\n" if metadata.scenario.summary else "")
     first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
-    unit = "min" if metadata.scenario.objective is None else "min of cost"
+    unit = "min" if metadata.scenario.objective.is_time else "min of cost"
     print(f"greedy test walks: {first:.1f} {unit} after the first round, {last:.1f} after the last, ", end="")
     print(f"{run.best_minutes:.1f} at best" + ("" if run.folder is None else f"; model: {run.folder}"))

@@ -15,10 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.crossing import crossings, static_crossing
+from sidestep.environment.crossing import crossings, static_crossing, static_crossing_in, with_mean_waits
 from sidestep.environment.types import DENSITY_SCALE, EnvParams, ExpectedCostToGo, Instance, LiveCostToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
-from sidestep.walking.objective import Deferred
 from sidestep.walking.speed_field import SpeedField, Speeds
 from sidestep.walking.waits import Wait
 
@@ -153,31 +152,12 @@ def field_cost_to_go(
     every
         Steps in each slot, at whose beginnings costs are worked out.
     """
-    crossed = crossings(params, speeds, wait, every=every)
-    last = static_cost_to_go_at(
-        params,
-        speeds.speed[:, -1],
-        lambda: speeds.known_density[:, -1],
-        wait,
-        (speeds.slots - 1) * speeds.slot_seconds,
-        destination,
-    )
-    return cost_to_go(params.network, crossed.seconds, crossed.cost, speeds.slot_seconds / every, destination, last)
-
-
-def static_cost_to_go_at(
-    params: EnvParams,
-    speed: Float[Array, " segment"],
-    density: Deferred,
-    wait: Wait,
-    clock: Float[Array, ""] | float,
-    destination: Bool[Array, " node"],
-) -> Float[Array, " node"]:
-    """Cost from every node if crowds and waits stayed for ever as they are at a clock."""
-    network = params.network
-    waited = wait(jnp.arange(network.segments), jnp.full(network.segments, clock))
-    cost = static_crossing(params.objective, network.length, speed, density, waited).cost
-    return static_cost_to_go(network, cost, destination)
+    network, crossed = params.network, crossings(params, speeds, wait, every=every)
+    begins = jnp.full(network.segments, (speeds.slots - 1) * speeds.slot_seconds)
+    density, waited = lambda: speeds.known_density[:, -1], wait(jnp.arange(network.segments), begins)
+    ever_after = static_crossing(params.objective, network.length, speeds.speed[:, -1], density, waited)
+    later = static_cost_to_go(network, ever_after.cost, destination)
+    return cost_to_go(network, crossed.seconds, crossed.cost, speeds.slot_seconds / every, destination, later)
 
 
 def expected_cost_to_go(
@@ -197,7 +177,7 @@ def expected_cost_to_go(
 
     def tables(expected: Speeds) -> Float[Array, "destination slot node"]:
         def one(number: Int[Array, ""]) -> Float[Array, "slot node"]:
-            wait = partial(params.waits.mean, hours[number])
+            wait = partial(params.waits.averaged().seconds, hours[number], jnp.float32(0))
             return field_cost_to_go(params, expected.of(number % expected.count), wait, destinations[number])
 
         return jax.lax.map(one, jnp.arange(len(destinations)))
@@ -220,18 +200,19 @@ def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counte
     ahead
         Turns that into the speeds that are forecast from it; after its window crowds are as expected.
     """
-    futures, speeds, expected = params.futures, params.futures.speeds, known_cost_to_go(params)
+    params, expected = with_mean_waits(params), known_cost_to_go(params)
+    futures, speeds = params.futures, params.futures.speeds
     nodes = expected.destination == jnp.arange(expected.table.shape[0])[:, None]
     every = jnp.arange(params.network.segments)
 
     def one(number: Int[Array, ""]) -> tuple[Array, Array]:
         future, slot = number // speeds.slots, number % speeds.slots
-        destination, hour = futures.destination[future], futures.hour[future]
-        wait, to = partial(params.waits.mean, hour), nodes[destination]
-        foreseen = ahead(counted[future, slot], hour, slot)
+        wait, destination = params.wait_in(future), futures.destination[future]
+        foreseen, to = ahead(counted[future, slot], futures.hour[future], slot), nodes[destination]
         forecast = _forecast(params, foreseen, wait, slot, to, expected.table[destination])
-        density, clock = partial(speeds.density_at, future, every, slot), slot * speeds.slot_seconds
-        return forecast, static_cost_to_go_at(params, speeds.at(future, every, slot), density, wait, clock, to)
+        waited = wait(every, jnp.full(every.shape, slot * speeds.slot_seconds))
+        stays = static_crossing_in(params, speeds, future, slot, every, waited)
+        return forecast, static_cost_to_go(params.network, stays.cost, to)
 
     forecast, snapshot = jax.lax.map(one, jnp.arange(speeds.count * speeds.slots))
     shape = (speeds.count, speeds.slots)
@@ -257,7 +238,8 @@ def _forecast(
     table = jnp.concatenate([table, later[None]])
     over = jax.vmap(partial(at_clock, table, slot_seconds, node=network.head))
     first = jax.tree.map(lambda leaf: leaf[:2], crossed)
-    return params.objective.without_penalty(first) + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + first.seconds)
+    cost = first.cost - params.objective.penalty * first.measures.get("too_dense", 0.0)
+    return cost + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + first.seconds)
 
 
 def known_cost_to_go(params: EnvParams) -> ExpectedCostToGo:

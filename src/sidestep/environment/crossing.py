@@ -1,6 +1,7 @@
 """Crossing segments: the seconds that it takes, and what the objective makes of them."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -9,8 +10,8 @@ from jaxtyping import Array, Float, Int
 from sidestep.environment.types import EnvParams
 from sidestep.walking.crossing_time import crossing_time, crossing_times, exposure
 from sidestep.walking.objective import Crossing, Deferred, Objective
-from sidestep.walking.speed_field import SpeedField
-from sidestep.walking.waits import Wait
+from sidestep.walking.speed_field import SpeedField, Speeds
+from sidestep.walking.waits import Clocks, Segments, Wait
 
 
 def with_mean_waits(params: EnvParams) -> EnvParams:
@@ -103,6 +104,14 @@ def static_crossing(
     """
     seconds = wait + metres / speed
     return objective.crossing(seconds, metres, lambda: density() * seconds, density)
+
+
+def static_crossing_in(
+    params: EnvParams, speeds: Speeds, future: Int[Array, ""], slot: Int[Array, ""], segment: Segments, wait: Clocks
+) -> Crossing:
+    """Walk segments, after some wait before each, if the crowds of a future stayed as they are in a slot."""
+    speed, density = speeds.at(future, segment, slot), partial(speeds.density_at, future, segment, slot)
+    return static_crossing(params.objective, params.network.length[segment], speed, density, wait)
 
 
 def _crossing(

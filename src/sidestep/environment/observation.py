@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.cost_to_go import at_clock, known_cost_to_go, known_live_cost_to_go
-from sidestep.environment.crossing import static_crossing
+from sidestep.environment.crossing import static_crossing, static_crossing_in, with_mean_waits
 from sidestep.environment.types import (
     RECENT_NODES,
     EnvParams,
@@ -100,7 +100,8 @@ def observe_map(params: EnvParams, state: EnvState) -> Observation:
         cost_to_go_scaled=to_go(known.scaled, now.seconds) - to_go(known.table, now.seconds),
     )
     # But walkers see whether it is too dense to enter.
-    penalty = params.objective.penalty(lambda: density) - params.objective.penalty(lambda: usual)
+    objective = params.objective
+    penalty = objective.penalty * (objective.too_dense(lambda: density) - objective.too_dense(lambda: usual))
     estimate = now.cost + expected.to_go + penalty + _turning_back(params, local)
     return replace(seen, expected=expected, estimate=estimate)
 
@@ -118,9 +119,9 @@ def observe_live(params: EnvParams, state: EnvState) -> Observation:
     forecast = (1 - part) * begin + part * end
     # Forecasts leave out penalties, and take lights at their mean wait: from here both are seen.
     density, clock = partial(speeds.density_at, future, segment, slot), jnp.full(segment.shape, state.clock)
-    forecast += params.objective.penalty(density)
-    mean = params.waits.mean(params.futures.hour[future], segment, clock)
-    forecast += params.objective.waiting(params.wait_in(future)(segment, clock) - mean, density)
+    forecast += params.objective.penalty * params.objective.too_dense(density)
+    mean, seen_now = (each.wait_in(future)(segment, clock) for each in (with_mean_waits(params), params))
+    forecast += params.objective.waiting(seen_now - mean, density)
     live = Live(snapshot=local.cost + known.snapshot[future, slot, local.onto], forecast=forecast)
     return replace(seen, live=live, estimate=forecast)
 
@@ -136,17 +137,15 @@ def at_level(params: EnvParams, level: Information) -> EnvParams:
 def _crossing_now(params: EnvParams, state: EnvState, speeds: Speeds, future: Int[Array, ""]) -> Crossing:
     """What the streets from here take and cost if crowds stay as they are in a future, with the lights as seen."""
     segment, slot = params.network.exit_segment[state.node], _slot(params, state)
-    return static_crossing(
-        params.objective,
-        params.network.length[segment],
-        speeds.at(future, segment, slot),
-        partial(speeds.density_at, future, segment, slot),
-        params.wait_in(state.instance.future)(segment, jnp.full(segment.shape, state.clock)),
-    )
+    wait = params.wait_in(state.instance.future)(segment, jnp.full(segment.shape, state.clock))
+    return static_crossing_in(params, speeds, future, slot, segment, wait)
 
 
 def _turning_back(params: EnvParams, local: Local) -> Float[Array, " exit"] | float:
-    return params.objective.turning_back(local.steps_since_visit <= RECENT_NODES)
+    if not params.objective.jumps:
+        return 0.0
+    # A walker who turns away from a street that is too dense would else be led back to it by the next estimate.
+    return params.objective.penalty * (local.steps_since_visit <= RECENT_NODES)
 
 
 def _slot(params: EnvParams, state: EnvState) -> Int[Array, ""]:

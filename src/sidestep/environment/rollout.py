@@ -26,7 +26,7 @@ class Walk(eqx.Module):
     cost: Float[Array, ""]
     """By the objective, in s; of a walk that did not arrive, the horizon more where the objective is not time alone."""
     measures: dict[str, Float[Array, ""]]
-    """Totals of what the objective counts beside the cost (:attr:`sidestep.walking.objective.Objective.measures`)."""
+    """Totals of what the objective counts beside the cost (:attr:`sidestep.walking.objective.TravelTime.measures`)."""
     segments: Int[Array, " trace"]
     """Walked, one after the other; -1 after the last."""
     clocks: Float[Array, " trace"]

@@ -92,9 +92,11 @@ class Futures(eqx.Module):
         return self.destination, self.hour, self.phase, self.cost_to_go
 
 
-def destinations_in_turn(
-    futures: int, hours: Float[Array, " destination"]
-) -> tuple[Int[Array, " future"], Float[Array, " future"], Float[Array, " future"]]:
+Meant = tuple[Int[Array, " future"], Float[Array, " future"], Float[Array, " future"]]
+"""Destination, hour and phase of futures, as in :class:`Futures`."""
+
+
+def destinations_in_turn(futures: int, hours: Float[Array, " destination"]) -> Meant:
     """Destination, hour and phase of futures that are for each of some destinations in turn.
 
     Parameters

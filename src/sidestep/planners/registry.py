@@ -7,7 +7,6 @@ There are three ways to make a planner of your own known, and then it works in `
 - on the command line, its place instead of a name: ``--planner my_module:MyPlanner``.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -15,7 +14,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from inspect import getdoc
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from sidestep.environment.types import LEVELS, Information, Level
 from sidestep.errors import SidestepError
@@ -50,23 +49,7 @@ class PlannerError(SidestepError):
 
 
 @dataclass(frozen=True)
-class Training:
-    """What planners that learn are trained for before they walk."""
-
-    scenario: Scenario
-    seed: int = 0
-    level: Information | None = None
-    """What the agent observes; None is the scenario's level."""
-
-    preset: Literal["default", "paper", "dqn", "tabular-q"] = "default"
-    """How ``darp`` learns; the other planners that learn are presets themselves."""
-
-    destinations: int = 1
-    """Least number of destinations to learn."""
-
-
-@dataclass(frozen=True)
-class PlannerInfo(ABC):
+class PlannerInfo:
     """A planner that is known by name."""
 
     name: str
@@ -79,44 +62,13 @@ class PlannerInfo(ABC):
     use: str
     """One line that says when to use it."""
 
-    learns: ClassVar[bool]
-    """Whether it has to be trained before it can walk."""
+    planner: Planner | None = None
+    """The planner itself; None where it has to be trained first."""
 
-    @abstractmethod
-    def find(self) -> Planner:
-        """Return the planner, if it walks without training."""
-
-    @abstractmethod
-    def factory(self, training: Training) -> PlannerFactory:
-        """Return a factory for the maps of a scenario; those that learn are trained by it."""
-
-
-@dataclass(frozen=True)
-class _Search(PlannerInfo):
-    planner: Planner
-    learns: ClassVar[bool] = False
-
-    def find(self) -> Planner:
-        return self.planner
-
-    def factory(self, training: Training) -> PlannerFactory:
-        del training
-        return lambda *_: self.planner
-
-
-@dataclass(frozen=True)
-class _Learned(PlannerInfo):
-    learns: ClassVar[bool] = True
-
-    def find(self) -> Planner:
-        raise PlannerError(f"{self.name} learns, so it needs a trained model; give --model FOLDER", field="planner")
-
-    def factory(self, training: Training) -> PlannerFactory:
-        from sidestep.planners.learned import trainable
-
-        level = training.level or training.scenario.level if self.level == "any" else self.level
-        preset = training.preset if self.name == "darp" else self.name
-        return trainable(training.scenario, training.seed, level, preset, training.destinations)  # type: ignore[arg-type]
+    @property
+    def learns(self) -> bool:
+        """Whether it has to be trained before it can walk."""
+        return self.planner is None
 
 
 def register_planner(planner: PlannerSource, *, use: str = "") -> PlannerSource:
@@ -171,7 +123,7 @@ def _add(source: object, use: str = "") -> str:
     if planner.name in _BUILT_IN:
         raise PlannerError(f"{said} to add: the name {planner.name} is Sidestep's own", field="planner")
     summary = (getdoc(type(planner)) or "").partition("\n")[0]
-    _KNOWN[planner.name] = _Search(planner.name, planner.level, summary, use, planner)
+    _KNOWN[planner.name] = PlannerInfo(planner.name, planner.level, summary, use, planner)
     return str(planner.name)
 
 
@@ -231,7 +183,10 @@ def find_planner(name: str) -> Planner:
     >>> sidestep.find_planner("greedy-map").level
     'map'
     """
-    return _info(name).find()
+    planner = _info(name).planner
+    if planner is None:
+        raise PlannerError(f"{name} learns, so it needs a trained model; give --model FOLDER", field="planner")
+    return planner
 
 
 @dataclass(frozen=True)
@@ -316,10 +271,17 @@ def choose_planners(
     if names is None:
         names = [*(info.name for info in _BUILT_IN.values() if not info.learns), *([] if models else ["darp"])]
     found = {name: _info(name).name for name in (*names, REFERENCE, BASELINE, BOUND, against) if name not in learned}
-    wanted, baseline = set(found.values()), found.get(against, against)
-    training = Training(scenario, seed, level, preset, destinations)
-    factories = {name: info.factory(training) for name, info in _KNOWN.items() if name in wanted}
-    return Lineup(scenario, factories | learned, baseline, only_map)
+    chosen = {name: info for name, info in _KNOWN.items() if name in found.values()}
+    factories: dict[str, PlannerFactory] = {}
+    for name, info in chosen.items():
+        factories[name] = lambda *_, planner=info.planner: planner
+        if info.learns:
+            from sidestep.planners.learned import trainable
+
+            at: Any = info.level if info.level != "any" else level or scenario.level
+            way: Any = preset if name == "darp" else name
+            factories[name] = trainable(scenario, seed, at, way, destinations)
+    return Lineup(scenario, factories | learned, found.get(against, against), only_map)
 
 
 def _models(
@@ -349,25 +311,15 @@ for _planner, _use in (
     (Forecast, "When all counters report now: the best without training."),
 ):
     _add(_planner, _use)
-for _info_of in (
-    _Learned(
-        "darp",
-        "any",
-        "Follow the Q-values that a dueling network learned.",
-        "When crowds are noisy and can be trained on.",
-    ),
-    _Learned(
-        "dqn",
-        "any",
-        "Follow Q-values learned without dueling heads, double Q-learning and priorities.",
-        "To see what these three are worth.",
-    ),
-    _Learned(
+_LEARNERS: tuple[tuple[str, Level | Literal["any"], str, str], ...] = (
+    ("darp", "any", "Follow the Q-values that a dueling network learned.", "When crowds are noisy but can be learned."),
+    ("dqn", "any", "The same without dueling heads, double Q-learning and priorities.", "To see what these are worth."),
+    (
         "tabular-q",
         "position",
         "Follow a table of Q-values, one for each exit.",
         "As the simplest baseline that learns.",
     ),
-):
-    _KNOWN[_info_of.name] = _info_of
+)
+_KNOWN |= {learner[0]: PlannerInfo(*learner) for learner in _LEARNERS}
 _BUILT_IN |= _KNOWN

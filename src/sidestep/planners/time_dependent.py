@@ -212,9 +212,9 @@ def _plan(
     def cheapest(walk: tuple[Int[Array, ""], Instance]) -> Int[Array, " step"]:
         return least_cost_path(params, speeds.of(walk[0]), walk[1])
 
-    if params.objective.earliest_is_best:
-        return jax.vmap(fastest)(which, instances)
-    return jax.lax.map(cheapest, (which, instances))
+    if params.objective.needs_density:
+        return jax.lax.map(cheapest, (which, instances))
+    return jax.vmap(fastest)(which, instances)
 
 
 def keep_to_plan(

@@ -54,7 +54,7 @@ def _pick(count: Int[Array | np.ndarray, "*n"] | int, uniform: Float[Array, "*n"
     return jnp.minimum((uniform * count).astype(jnp.int32), count - 1)
 
 
-def standard_destinations(parts: tuple[int, ...], destinations: int) -> Int[np.ndarray, "destination part"]:
+def standard_destinations(parts: tuple[int, ...]) -> Int[np.ndarray, "destination part"]:
     """Where walks on grids go: to the upper right corner of each part, then to other nodes, all different.
 
     No part's first node is among them. The other nodes depend on the size of the map alone, so that a model and those
@@ -64,24 +64,15 @@ def standard_destinations(parts: tuple[int, ...], destinations: int) -> Int[np.n
     ----------
     parts
         Nodes of each part of the map.
-    destinations
-        How many.
 
     Returns
     -------
     destinations
-        A node of each part for each destination.
-
-    Raises
-    ------
-    ScenarioError
-        More than there are, or none.
+        A node of each part for each destination, as many as there are.
     """
     first = np.cumsum((0, *parts[:-1]))
-    if not 1 <= destinations <= min(parts) - 1:
-        raise ScenarioError(f"there must be between 1 and {min(parts) - 1} destinations, not {destinations}")
     rng = np.random.default_rng(len(parts))
-    others = [1 + rng.permutation(nodes - 2)[: destinations - 1] for nodes in parts]
+    others = [1 + rng.permutation(nodes - 2)[: min(parts) - 2] for nodes in parts]
     return np.stack([[nodes - 1, *rest] for nodes, rest in zip(parts, others, strict=True)], axis=1) + first
 
 
@@ -105,20 +96,14 @@ def destinations_of(scenario_map: ScenarioMap, destinations: int) -> Int[np.ndar
     ScenarioError
         More than there are, or none.
     """
-    own = scenario_map.destinations
+    every, own = standard_destinations(scenario_map.parts), scenario_map.destinations
     if own:
-        return _some(np.random.default_rng(len(own)).permutation(own)[:, None], destinations)
-    spared = _only_origin(scenario_map)
-    if not spared:
-        return standard_destinations(scenario_map.parts, destinations)
-    # Nobody walks to where all walks begin.
-    every = standard_destinations(scenario_map.parts, scenario_map.network.nodes - 1)
-    return _some(every[~np.isin(every[:, 0], spared)], destinations)
-
-
-def _some(every: Int[np.ndarray, "any part"], destinations: int) -> Int[np.ndarray, "destination part"]:
+        every = np.random.default_rng(len(own)).permutation(own)[:, None]
+    every = every[~np.isin(every[:, 0], _only_origin(scenario_map))]  # nobody walks to where all walks begin
     if not 1 <= destinations <= len(every):
-        raise ScenarioError(f"there must be between 1 and {len(every)} destinations, not {destinations}")
+        raise ScenarioError(
+            f"there must be between 1 and {len(every)} destinations, not {destinations}", field="destinations"
+        )
     return every[:destinations]
 
 
@@ -138,7 +123,7 @@ def random_destinations(scenario_map: ScenarioMap, walks: int, part: int) -> Int
     """
     nodes = scenario_map.network.nodes
     if walks > nodes - 1:
-        raise ScenarioError(f"there cannot be {walks} different destinations among {nodes} nodes")
+        raise ScenarioError(f"there cannot be {walks} different destinations among {nodes} nodes", field="walks")
     rng = np.random.default_rng([*np.asarray(jax.random.key_data(scenario_map.key)).tolist(), part])
     among = rng.permutation(scenario_map.destinations or nodes)
     return among[~np.isin(among, _only_origin(scenario_map))][:walks, None]
@@ -287,4 +272,6 @@ def instances(
 
 def _check_futures(futures: int, destinations: int) -> None:
     if futures < destinations:
-        raise ScenarioError(f"{destinations} destinations need as many futures, but there are {futures}")
+        raise ScenarioError(
+            f"{destinations} destinations need as many futures, but there are {futures}", field="destinations"
+        )

@@ -18,6 +18,7 @@ from sidestep.environment.types import (
     Futures,
     Information,
     LiveCostToGo,
+    Meant,
     destinations_in_turn,
     futures_in_turn,
 )
@@ -167,6 +168,9 @@ def see_counts(
     return _with_counts(_Crowds.of(scenario, flow), params, slots, forecasts=forecasts)
 
 
+_replaced = jax.jit(Futures.replaced)
+
+
 class _Crowds(eqx.Module):
     """Where futures come from."""
 
@@ -211,28 +215,21 @@ def _environment(
         where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)
         params = replace(params, cost_to_go=expected_cost_to_go(params, where, hours))
     number = expected.count if crowds.as_expected else futures
-    return replace(params, futures=_drawn(crowds, params, key, *destinations_in_turn(number, hours)))
+    return replace(params, futures=_drawn(crowds, params, key, destinations_in_turn(number, hours)))
 
 
 @jax.jit
 def _sampled(crowds: _Crowds, params: EnvParams, key: Key[Array, ""], index: Int[Array, " future"]) -> Futures:
     old = params.futures
-    return _drawn(crowds, params, key, old.destination[index], old.hour[index], old.phase[index])
+    return _drawn(crowds, params, key, (old.destination[index], old.hour[index], old.phase[index]))
 
 
-def _drawn(
-    crowds: _Crowds,
-    params: EnvParams,
-    key: Key[Array, ""],
-    destination: Int[Array, " future"],
-    hour: Float[Array, " future"],
-    phase: Float[Array, " future"],
-) -> Futures:
+def _drawn(crowds: _Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant) -> Futures:
     """Possible futures and, at level ``live``, the costs that can be worked out from their counts."""
-    flow, slots = crowds.flow, crowds.slots
+    flow, slots, (_, hour, _) = crowds.flow, crowds.slots, meant
     field = flow.expected(hour, slots) if crowds.as_expected else flow.draw(key, hour, slots)
     speeds = walking_speeds(params.network, field, crowds.law, densities=params.expected.keeps_density)
-    futures = Futures(speeds, destination, hour, phase)
+    futures = Futures(speeds, *meant)
     if params.level != "live":
         return futures
     return replace(futures, cost_to_go=_live_cost_to_go(crowds, replace(params, futures=futures), field))
@@ -244,11 +241,6 @@ def _live_cost_to_go(crowds: _Crowds, params: EnvParams, field: Field) -> LiveCo
         return dense_speeds(params.network, forecast, crowds.law, densities=params.objective.needs_density)
 
     return live_cost_to_go(params, field.counted, ahead)
-
-
-@jax.jit
-def _replaced(old: Futures, new: Futures, index: Int[Array, " new"]) -> Futures:
-    return old.replaced(new, index)
 
 
 @partial(jax.jit, static_argnames=("slots", "forecasts"))

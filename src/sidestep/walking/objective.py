@@ -1,7 +1,7 @@
 """What walkers minimise: travel time, or a weighted sum of time, distance and exposure to crowds."""
 
 from collections.abc import Callable
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,44 +12,42 @@ from sidestep.walking.speed_laws import FREE_SPEED
 PENALTY_SECONDS = 3600.0
 """Entering a segment above the maximum density costs as much as walking for so many seconds."""
 
-Deferred = Callable[[], Float[Array, "*n"]]
-"""Numbers that are worked out only by the objectives that need them."""
+Numbers = Float[Array, "*n"]
+Deferred = Callable[[], Numbers]
+"""Numbers that are worked out only for the objectives that need them."""
 
 
 class Crossing(eqx.Module):
     """One segment walked, or each of many."""
 
-    seconds: Float[Array, "*n"]
+    seconds: Numbers
     """Time it takes, with the wait before it, in s."""
-    cost: Float[Array, "*n"]
-    """What the objective makes of it, in s."""
-    measures: dict[str, Float[Array, "*n"]]
-    """What else the objective counts, by the names in :attr:`Objective.measures`."""
+    cost: Numbers
+    """By the objective, in s."""
+    measures: dict[str, Numbers]
+    """What else the objective counts: the names in :attr:`TravelTime.measures`."""
 
 
-@runtime_checkable
-class Objective(Protocol):
-    """What walkers keep low. Costs are in seconds, or what counts as much."""
+class TravelTime(eqx.Module):
+    """Time alone, the neutral element: nothing but seconds is worked out, and cost is what the clock says.
 
-    needs_density: ClassVar[bool]
-    """Whether it asks for densities, so that they must be kept beside speeds."""
-    earliest_is_best: ClassVar[bool]
-    """Whether it never pays to arrive later at a node on the way."""
-    measures: ClassVar[tuple[str, ...]]
+    Costs are in seconds, or what counts as much.
+    """
+
+    needs_density: ClassVar[bool] = False
+    """Whether more than time counts, so that densities must be kept beside speeds, and arriving late may be better."""
+    measures: ClassVar[tuple[str, ...]] = ()
     """What it counts beside the cost: ``metres``, ``exposure`` (person·s/m²) and ``too_dense`` (segments)."""
+    jumps: ClassVar[bool] = False
+    """Whether costs jump as it becomes too dense somewhere."""
+    penalty: ClassVar[float] = 0.0
+    """Cost of entering a segment where it is too dense."""
 
-    @property
-    def jumps(self) -> bool:
-        """Whether costs change abruptly with the time of entry."""
-        ...
+    def too_dense(self, _density: Deferred) -> float:
+        """1 where a density in persons/m² is such that nobody should enter, elsewhere 0."""
+        return 0.0
 
-    def measured(self) -> "WeightedObjective":
-        """The same, but with all measures."""
-        ...
-
-    def crossing(
-        self, seconds: Float[Array, "*n"], metres: Float[Array, "*n"], exposure: Deferred, density: Deferred, /
-    ) -> Crossing:
+    def crossing(self, seconds: Numbers, _metres: Numbers, _exposure: Deferred, _density: Deferred) -> Crossing:
         """Cost of segments.
 
         Parameters
@@ -61,82 +59,23 @@ class Objective(Protocol):
         density
             The density at entry, in persons/m².
         """
-        ...
-
-    def step_cost(self, crossed: Crossing, elapsed: Float[Array, "*n"], /) -> Float[Array, "*n"]:
-        """Cost of a step during which a walker's clock has gone on by ``elapsed`` seconds."""
-        ...
-
-    def walk_cost(
-        self,
-        total: Float[Array, "*n"],
-        seconds: Float[Array, "*n"],
-        arrived: Bool[Array, "*n"],
-        horizon: Float[Array, ""],
-        /,
-    ) -> Float[Array, "*n"]:
-        """Cost of a walk from the total of its steps and its travel time, which is the horizon if it did not arrive."""
-        ...
-
-    def penalty(self, density: Deferred, /) -> Float[Array, "*n"] | float:
-        """The part of the cost that is paid for entering where it is too dense."""
-        ...
-
-    def without_penalty(self, crossed: Crossing, /) -> Float[Array, "*n"]:
-        """The rest of the cost."""
-        ...
-
-    def turning_back(self, recent: Bool[Array, "*n"], /) -> Float[Array, "*n"] | float:
-        """What an estimate adds for going back to nodes that were left recently.
-
-        A walker who turns away from a street that is too dense would else be led back to it by the next estimate.
-        """
-        ...
-
-    def waiting(self, seconds: Float[Array, "*n"], density: Deferred, /) -> Float[Array, "*n"]:
-        """Cost of standing in a crowd for some seconds more."""
-        ...
-
-
-class TravelTime(eqx.Module):
-    """Time alone, the neutral element: nothing but seconds is worked out, and cost is what the clock says."""
-
-    needs_density: ClassVar[bool] = False
-    earliest_is_best: ClassVar[bool] = True
-    measures: ClassVar[tuple[str, ...]] = ()
-    jumps: ClassVar[bool] = False
-
-    def measured(self) -> "WeightedObjective":
-        return WeightedObjective()
-
-    def crossing(
-        self, seconds: Float[Array, "*n"], _metres: Float[Array, "*n"], _exposure: Deferred, _density: Deferred
-    ) -> Crossing:
         return Crossing(seconds, seconds, {})
 
-    def step_cost(self, _crossed: Crossing, elapsed: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        return elapsed  # rounding included
+    def step_cost(self, _crossed: Crossing, elapsed: Numbers) -> Numbers:
+        """Cost of a step during which a walker's clock has gone on by ``elapsed`` seconds, rounding included."""
+        return elapsed
 
-    def walk_cost(
-        self,
-        _total: Float[Array, "*n"],
-        seconds: Float[Array, "*n"],
-        _arrived: Bool[Array, "*n"],
-        _horizon: Float[Array, ""],
-    ) -> Float[Array, "*n"]:
+    def walk_cost(self, _total: Numbers, seconds: Numbers, _arrived: Bool[Array, "*n"], _horizon: Numbers) -> Numbers:
+        """Cost of a walk from the total of its steps and its travel time, which is the horizon if it did not arrive."""
         return seconds
 
-    def penalty(self, _density: Deferred) -> float:
-        return 0.0
-
-    def without_penalty(self, crossed: Crossing) -> Float[Array, "*n"]:
-        return crossed.cost
-
-    def turning_back(self, _recent: Bool[Array, "*n"]) -> float:
-        return 0.0
-
-    def waiting(self, seconds: Float[Array, "*n"], _density: Deferred) -> Float[Array, "*n"]:
+    def waiting(self, seconds: Numbers, _density: Deferred) -> Numbers:
+        """Cost of standing in a crowd for some seconds more."""
         return seconds
+
+    def measured(self) -> "WeightedObjective":
+        """The same objective with all measures."""
+        return WeightedObjective()
 
 
 class WeightedObjective(eqx.Module):
@@ -147,7 +86,6 @@ class WeightedObjective(eqx.Module):
     """
 
     needs_density: ClassVar[bool] = True
-    earliest_is_best: ClassVar[bool] = False
     measures: ClassVar[tuple[str, ...]] = ("metres", "exposure", "too_dense")
 
     time: float | Float[Array, ""] = 1.0
@@ -163,47 +101,33 @@ class WeightedObjective(eqx.Module):
     def jumps(self) -> bool:
         return self.max_density is not None
 
+    @property
+    def penalty(self) -> float | Float[Array, ""]:
+        if self.max_density is None:
+            return 0.0
+        return PENALTY_SECONDS * (self.time + self.distance * FREE_SPEED + self.exposure * self.max_density)
+
+    def too_dense(self, density: Deferred) -> Numbers:
+        found = density()
+        return jnp.zeros_like(found) if self.max_density is None else (found > self.max_density).astype(float)
+
+    def crossing(self, seconds: Numbers, metres: Numbers, exposure: Deferred, density: Deferred) -> Crossing:
+        met, too_dense = exposure(), self.too_dense(density)
+        cost = self.time * seconds + self.distance * metres + self.exposure * met + self.penalty * too_dense
+        return Crossing(seconds, cost, {"metres": metres, "exposure": met, "too_dense": too_dense})
+
+    def step_cost(self, crossed: Crossing, _elapsed: Numbers) -> Numbers:
+        return crossed.cost
+
+    def walk_cost(self, total: Numbers, _seconds: Numbers, arrived: Bool[Array, "*n"], horizon: Numbers) -> Numbers:
+        return total + jnp.where(arrived, 0.0, horizon)
+
+    def waiting(self, seconds: Numbers, density: Deferred) -> Numbers:
+        return seconds * (self.time + self.exposure * density())
+
     def measured(self) -> "WeightedObjective":
         return self
 
-    def crossing(
-        self, seconds: Float[Array, "*n"], metres: Float[Array, "*n"], exposure: Deferred, density: Deferred
-    ) -> Crossing:
-        met, too_dense = exposure(), self._too_dense(density)
-        cost = self.time * seconds + self.distance * metres + self.exposure * met
-        measures = {"metres": metres, "exposure": met, "too_dense": too_dense}
-        return Crossing(seconds, cost + self._penalty * too_dense, measures)
 
-    def step_cost(self, crossed: Crossing, _elapsed: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        return crossed.cost
-
-    def walk_cost(
-        self,
-        total: Float[Array, "*n"],
-        _seconds: Float[Array, "*n"],
-        arrived: Bool[Array, "*n"],
-        horizon: Float[Array, ""],
-    ) -> Float[Array, "*n"]:
-        return total + jnp.where(arrived, 0.0, horizon)
-
-    def penalty(self, density: Deferred) -> Float[Array, "*n"] | float:
-        return self._penalty * self._too_dense(density)
-
-    def without_penalty(self, crossed: Crossing) -> Float[Array, "*n"]:
-        return crossed.cost - self._penalty * crossed.measures["too_dense"]
-
-    def turning_back(self, recent: Bool[Array, "*n"]) -> Float[Array, "*n"] | float:
-        return self._penalty * recent if self.jumps else 0.0
-
-    def waiting(self, seconds: Float[Array, "*n"], density: Deferred) -> Float[Array, "*n"]:
-        return seconds * (self.time + self.exposure * density())
-
-    @property
-    def _penalty(self) -> float | Float[Array, ""]:
-        dense = 0.0 if self.max_density is None else self.max_density
-        return PENALTY_SECONDS * (self.time + self.distance * FREE_SPEED + self.exposure * dense)
-
-    def _too_dense(self, density: Deferred) -> Float[Array, "*n"]:
-        """1 where nobody should enter, elsewhere 0."""
-        found = density()
-        return jnp.zeros_like(found) if self.max_density is None else (found > self.max_density).astype(float)
+Objective = TravelTime | WeightedObjective
+"""What walkers keep low; both have the methods of :class:`TravelTime`."""

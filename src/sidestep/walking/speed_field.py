@@ -1,6 +1,6 @@
 """Walking speeds on every segment in every slot: as a table, or worked out from counters where they are needed."""
 
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax
@@ -11,82 +11,19 @@ from sidestep.crowds.base import Field, FlowField, SensedField
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.speed_laws import SpeedLaw
 
-
-@runtime_checkable
-class Speeds(Protocol):
-    """Walking speeds in several futures. The last slot's speed holds for ever after."""
-
-    interpolated: ClassVar[bool]
-    """Whether they follow from the densities at a few counters."""
-
-    @property
-    def keeps_density(self) -> bool:
-        """Whether they know densities."""
-        ...
-
-    @property
-    def slot_seconds(self) -> float:
-        """Length of a slot in s."""
-        ...
-
-    @property
-    def slots(self) -> int:
-        """Number of slots."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """Number of futures."""
-        ...
-
-    def of(self, future: Int[Array, ""], /) -> "SpeedField":
-        """Speeds on all segments in one of the futures."""
-        ...
-
-    def row(self, future: Int[Array, ""], segment: Int[Array, ""], /) -> "SpeedField":
-        """Speeds on one segment in one of the futures."""
-        ...
-
-    def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""], /) -> Float[Array, "*n"]:
-        """Speeds in m/s on segments in a slot of one of the futures."""
-        ...
-
-    def density_at(
-        self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""], /
-    ) -> Float[Array, "*n"]:
-        """Densities in persons/m² on segments in a slot of one of the futures."""
-        ...
-
-    def first(self, futures: int | None = None, slots: int | None = None) -> "Speeds":
-        """The first of the futures in the first slots; None: all of them."""
-        ...
-
-    def replaced(self, speeds: Any, index: Int[Array, " new"], /) -> "Speeds":
-        """The same with the futures of these numbers replaced by those of other ``speeds`` of the same kind."""
-        ...
-
-    def scaled(self, factor: float, /) -> "Speeds":
-        """Speeds in crowds ``factor`` times as dense.
-
-        Raises
-        ------
-        ValueError
-            Speeds that are not interpolated, whose law is not kept.
-        """
-        ...
-
-    def field(self, network: RoadNetwork, /) -> Field:
-        """The crowds that :func:`walking_speeds` made these speeds from."""
-        ...
+Index = Int[Array, ""]
+Segments = Int[Array, "*n"]
+Numbers = Float[Array, "*n"]
 
 
 class SpeedField(eqx.Module):
-    """Walking speed on every segment in every slot, and how far one gets in them.
+    """Walking speed on every segment in every slot, and how far one gets in them. The last slot lasts for ever.
 
     Leading axes, if any, count futures; the speeds of a single segment have no axis of segments.
     """
 
-    interpolated: ClassVar[bool] = False
+    interpolated: ClassVar[Literal[False]] = False
+    """Whether speeds follow from the densities at a few counters."""
 
     speed: Float[Array, "*future_segment slot"]
     """Walking speed in m/s."""
@@ -99,34 +36,18 @@ class SpeedField(eqx.Module):
 
     @property
     def keeps_density(self) -> bool:
+        """Whether densities are known."""
         return self.density is not None
 
     @property
     def slots(self) -> int:
+        """Number of slots."""
         return self.speed.shape[-1]
 
     @property
     def count(self) -> int:
+        """Number of futures."""
         return self.speed.shape[0]
-
-    def of(self, future: Int[Array, ""]) -> "SpeedField":
-        return jax.tree.map(lambda leaf: leaf[future], self)
-
-    def row(self, future: Int[Array, ""], segment: Int[Array, ""]) -> "SpeedField":
-        return jax.tree.map(lambda leaf: leaf[future, segment], self)
-
-    def segment(self, segment: Int[Array, ""]) -> "SpeedField":
-        """Speeds on one segment, where there is no axis of futures."""
-        return jax.tree.map(lambda leaf: leaf[segment], self)
-
-    def first(self, futures: int | None = None, slots: int | None = None) -> "SpeedField":
-        return jax.tree.map(lambda leaf: leaf[:futures, :, :slots], self)
-
-    def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
-        return self.speed[future, segment, slot]
-
-    def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
-        return self.known_density[future, segment, slot]
 
     @property
     def known_density(self) -> Float[Array, "*future_segment slot"]:
@@ -141,13 +62,36 @@ class SpeedField(eqx.Module):
             raise ValueError("these speeds were made without their densities")
         return self.density
 
-    def replaced(self, speeds: "SpeedField", index: Int[Array, " new"]) -> "SpeedField":
+    def of(self, future: Index) -> "SpeedField":
+        """Speeds on all segments in one of the futures."""
+        return jax.tree.map(lambda leaf: leaf[future], self)
+
+    def segment(self, segment: Index) -> "SpeedField":
+        """Speeds on one segment, where there is no axis of futures."""
+        return self.of(segment)
+
+    def row(self, future: Index, segment: Index) -> "SpeedField":
+        """Speeds on one segment in one of the futures."""
+        return jax.tree.map(lambda leaf: leaf[future, segment], self)
+
+    def at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
+        """Speeds in m/s on segments in a slot of one of the futures."""
+        return self.speed[future, segment, slot]
+
+    def density_at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
+        """Densities in persons/m² on segments in a slot of one of the futures."""
+        return self.known_density[future, segment, slot]
+
+    def first(self, futures: int | None = None, slots: int | None = None) -> "SpeedField":
+        """The first of the futures in the first slots; None: all of them."""
+        return jax.tree.map(lambda leaf: leaf[:futures, :, :slots], self)
+
+    def replaced(self, speeds: Any, index: Int[Array, " new"]) -> "SpeedField":
+        """The same with the futures of these numbers replaced by those of other ``speeds`` of the same kind."""
         return jax.tree.map(lambda old, new: old.at[index].set(new), self, speeds)
 
-    def scaled(self, _factor: float) -> "SpeedField":
-        raise ValueError("only speeds that are interpolated between counters can be scaled")
-
     def field(self, network: RoadNetwork) -> FlowField:
+        """The crowds that :func:`walking_speeds` made these speeds from."""
         volume = jnp.swapaxes(self.known_density, -1, -2) * network.length * network.width
         return FlowField(volume, self.slot_seconds)
 
@@ -158,7 +102,7 @@ class SensedSpeeds(eqx.Module):
     The same as a :class:`SpeedField` with a leading axis of futures, but memory grows with counters, not with segments.
     """
 
-    interpolated: ClassVar[bool] = True
+    interpolated: ClassVar[Literal[True]] = True
     keeps_density: ClassVar[bool] = True
 
     crowds: SensedField
@@ -178,34 +122,39 @@ class SensedSpeeds(eqx.Module):
     def count(self) -> int:
         return self.crowds.sensed.shape[0]
 
-    def of(self, future: Int[Array, ""]) -> SpeedField:
+    def of(self, future: Index) -> SpeedField:
         density = self.crowds.weights.everywhere(self.crowds.sensed[future])
         return speed_field(self.law.speed(density).T, self.slot_seconds, density.T)
 
-    def row(self, future: Int[Array, ""], segment: Int[Array, ""]) -> SpeedField:
+    def row(self, future: Index, segment: Index) -> SpeedField:
         density = self.crowds.densities(future, segment)
         return speed_field(self.law.speed(density), self.slot_seconds, density)
 
-    def at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+    def at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         return self.law.speed(self.density_at(future, segment, slot))
 
-    def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
+    def density_at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         return self.crowds.density_at(future, segment, slot)
 
     def first(self, futures: int | None = None, slots: int | None = None) -> "SensedSpeeds":
-        return self._with_densities(self.crowds.sensed[:futures, :slots])
+        return self._of(self.crowds.sensed[:futures, :slots])
 
-    def replaced(self, speeds: "SensedSpeeds", index: Int[Array, " new"]) -> "SensedSpeeds":
-        return self._with_densities(self.crowds.sensed.at[index].set(speeds.crowds.sensed))
+    def replaced(self, speeds: Any, index: Int[Array, " new"]) -> "SensedSpeeds":
+        return self._of(self.crowds.sensed.at[index].set(speeds.crowds.sensed))
 
     def scaled(self, factor: float) -> "SensedSpeeds":
-        return self._with_densities(factor * self.crowds.sensed)
+        """Speeds in crowds ``factor`` times as dense."""
+        return self._of(factor * self.crowds.sensed)
 
     def field(self, _network: RoadNetwork) -> SensedField:
         return self.crowds
 
-    def _with_densities(self, sensed: Float[Array, "future slot sensor"]) -> "SensedSpeeds":
+    def _of(self, sensed: Float[Array, "future slot sensor"]) -> "SensedSpeeds":
         return SensedSpeeds(self.crowds.with_counted(sensed), self.law)
+
+
+Speeds = SpeedField | SensedSpeeds
+"""Type checkers tell the two apart by ``interpolated``; both have the methods of :class:`SpeedField`."""
 
 
 def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
@@ -227,9 +176,8 @@ def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densit
 
 def dense_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> SpeedField:
     """The same, worked out on all segments; crowds may have any leading axes, or none."""
-    density = crowds.density(network)
-    speed = jnp.swapaxes(law.speed(density), -1, -2)
-    return speed_field(speed, crowds.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)
+    density = jnp.swapaxes(crowds.density(network), -1, -2)
+    return speed_field(law.speed(density), crowds.slot_seconds, density if densities else None)
 
 
 def speed_field(

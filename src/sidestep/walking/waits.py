@@ -18,7 +18,10 @@ GOLDEN = (math.sqrt(5) - 1) / 2
 """Multiples of it, less their whole part, spread evenly over 0 to 1."""
 _CALM = 1e-6  # vehicles/s, fewer are none
 
-Wait = Callable[[Int[Array, "*n"], Float[Array, "*n"]], Float[Array, "*n"]]
+Scalar = Float[Array, ""]
+Segments = Int[Array, "*n"]
+Clocks = Float[Array, "*n"]
+Wait = Callable[[Segments, Clocks], Clocks]
 """Seconds that walkers wait before segments, by the clocks at which they come there."""
 
 
@@ -55,19 +58,7 @@ class NoWaits(eqx.Module):
 
     phases: ClassVar[bool] = False
 
-    def seconds(
-        self,
-        _hour: Float[Array, ""],
-        _phase: Float[Array, ""],
-        _segment: Int[Array, "*n"],
-        clock: Float[Array, "*n"],
-    ) -> Float[Array, "*n"]:
-        """No wait."""
-        return jnp.zeros_like(clock)
-
-    def mean(
-        self, _hour: Float[Array, ""], _segment: Int[Array, "*n"], clock: Float[Array, "*n"]
-    ) -> Float[Array, "*n"]:
+    def seconds(self, _hour: Scalar, _phase: Scalar, _segment: Segments, clock: Clocks) -> Clocks:
         """No wait."""
         return jnp.zeros_like(clock)
 
@@ -106,13 +97,7 @@ class Waits(eqx.Module):
     phases: bool = eqx.field(static=True, default=True)
     """Whether lights have phases; else all take their mean wait."""
 
-    def seconds(
-        self,
-        hour: Float[Array, ""],
-        phase: Float[Array, ""],
-        segment: Int[Array, "*n"],
-        clock: Float[Array, "*n"],
-    ) -> Float[Array, "*n"]:
+    def seconds(self, hour: Scalar, phase: Scalar, segment: Segments, clock: Clocks) -> Clocks:
         """Wait in s.
 
         Parameters
@@ -124,50 +109,28 @@ class Waits(eqx.Module):
         segment, clock
             Where and when walkers come.
         """
-        if not self.phases:
-            return self.mean(hour, segment, clock)
-        cycle = self.cycle[segment]
-        since_green = jnp.mod(clock - phase - self.offset[segment], cycle)
-        red = jnp.where(since_green < self.green[segment], 0.0, cycle - since_green)
-        lights = self.lights[segment]
-        first = jnp.minimum(lights, 1.0)
-        return self._with_gaps(hour, segment, clock, first * red + (lights - first) * self._mean_red(segment))
-
-    def mean(self, hour: Float[Array, ""], segment: Int[Array, "*n"], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        """The same for walkers who do not know the phases of lights."""
-        return self._with_gaps(hour, segment, clock, self.lights[segment] * self._mean_red(segment))
+        lights, cycle, green = self.lights[segment], self.cycle[segment], self.green[segment]
+        mean_red = (cycle - green) ** 2 / (2 * cycle)
+        at_lights = lights * mean_red
+        if self.phases:
+            since_green = jnp.mod(clock - phase - self.offset[segment], cycle)
+            red = jnp.where(since_green < green, 0.0, cycle - since_green)
+            first = jnp.minimum(lights, 1.0)
+            at_lights = first * red + (lights - first) * mean_red
+        # Gaps come after the lights, or of those who leave a light together the last to come would be the first to go.
+        return at_lights + self.unsignalised[segment] * self._delay(hour, clock + at_lights)
 
     def averaged(self) -> "Waits":
-        """The same with all lights at their mean wait."""
+        """The same with all lights at their mean wait, as they are to walkers who do not know their phases."""
         return replace(self, phases=False)
 
     def on_pieces(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "Waits":
         """The same on pieces of the segments; only the first piece of each has something to wait for."""
-        return replace(
-            self,
-            lights=self.lights[parent] * first,
-            unsignalised=self.unsignalised[parent] * first,
-            cycle=self.cycle[parent],
-            green=self.green[parent],
-            offset=self.offset[parent],
-        )
+        lights, unsignalised = self.lights[parent] * first, self.unsignalised[parent] * first
+        timing = (self.cycle[parent], self.green[parent], self.offset[parent])
+        return Waits(lights, unsignalised, *timing, self.vehicles, self.critical_gap, self.phases)
 
-    def _mean_red(self, segment: Int[Array, "*n"]) -> Float[Array, "*n"]:
-        """Mean wait at a light in s, of walkers who come at any time."""
-        cycle = self.cycle[segment]
-        return (cycle - self.green[segment]) ** 2 / (2 * cycle)
-
-    def _with_gaps(
-        self,
-        hour: Float[Array, ""],
-        segment: Int[Array, "*n"],
-        clock: Float[Array, "*n"],
-        at_lights: Float[Array, "*n"],
-    ) -> Float[Array, "*n"]:
-        # Gaps come after the lights, or of those who leave a light together the last to come would be the first to go.
-        return at_lights + self.unsignalised[segment] * self._delay(hour, clock + at_lights)
-
-    def _delay(self, hour: Float[Array, ""], clock: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    def _delay(self, hour: Scalar, clock: Clocks) -> Clocks:
         # Straight from the middle of one hour to the middle of the next.
         middle = hour + clock / HOUR - 0.5
         before = jnp.floor(middle)
