@@ -55,6 +55,7 @@ COMMANDS: dict[str, list[str]] = {
 }  # fmt: skip
 # What varies from run to run or from place to place.
 LEFT_OUT = {
+    "crowds",  # words alone
     "decision_us",
     "seconds",
     "steps_per_second",
@@ -75,7 +76,8 @@ NEW = {
     "too_dense",
 }  # fmt: skip
 REWORDED = (
-    r"─+|^\d+ streets, |, departing 0 min after the start|; demand 120 × the counts \(an invented event day\)|\.$"
+    r"─+|^\d+ streets, |, departing 0 min after the start|, paired with these streets by a seed \(synthetic\)"
+    r"|\. Synthetic: [^.]*|that are (usual|expected) at|\.$"
 )
 
 

@@ -103,7 +103,7 @@ def test_what_knows_positions_alone_is_refused_beyond(name: str, level: str) -> 
     assert caught.value.field == "preset"
 
 
-@pytest.mark.parametrize("name", ["default", "dqn"])
+@pytest.mark.parametrize("name", PRESETS)
 def test_positions_mean_nothing_on_other_maps(name: str) -> None:
     with pytest.raises(TrainConfigError) as caught:
         preset(name, "position", several_maps=True)

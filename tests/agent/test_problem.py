@@ -4,7 +4,10 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from typing import Any
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from sidestep.agent import problem
@@ -63,6 +66,21 @@ def test_renewing_wraps_round(renewals: Any, before: int, first: int) -> None:
     # Number 2 replaces futures 4 and 0, and so on; three renewals replace them all.
     in_turn = {1: 2, 2: 4, 3: 1, 4: 3, 5: 0}
     assert renewals(before, futures=5, fresh=2) == list(in_turn.items())[first - 1 :]
+
+
+def test_in_towns_fresh_futures_are_others_at_the_same_sensors() -> None:
+    town = scenario("helsinki", horizon=1200.0, departures=(0.0, 300.0))
+    here = draw_map(town, 1)
+    config = preset("default", "local").changed(destinations=2, futures=4, fresh_futures=2, test_walks=3)
+    params = problem.pose(config, town, here).params
+    with ThreadPoolExecutor(1) as executor:
+        _, after = islice(problem.renewed(config.changed(rounds=2), town, here, params, 0, executor), 2)
+    before, new = (each.futures.speeds.crowds for each in (params, after))
+    assert (np.asarray(new.sensed)[2:4] != np.asarray(before.sensed)[2:4]).all(axis=(1, 2)).all()
+    kept = [0, 1, 4, 5, 6]  # the last three are those of the test walks
+    np.testing.assert_array_equal(new.sensed[jnp.array(kept)], before.sensed[jnp.array(kept)])
+    assert eqx.tree_equal(new.weights, here.flow.weights)
+    assert new.sensed.shape[0] == config.futures + config.test_walks
 
 
 def test_without_fresh_futures_nothing_is_renewed(renewals: Any) -> None:

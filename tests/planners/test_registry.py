@@ -8,6 +8,7 @@ from typing import get_args
 import pytest
 
 from sidestep.environment.types import LEVELS, Level
+from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import compare
 from sidestep.planners.base import Planner
 from sidestep.planners.registry import (
@@ -181,8 +182,13 @@ def test_unknown_planners_are_not_chosen(more: dict) -> None:
 
 def test_a_table_learns_grids_with_one_destination_only() -> None:
     assert "tabular-q" in choose_planners(TINY, ["tabular-q"]).factories
-    with pytest.raises(PlannerError):
+    with pytest.raises(SidestepError) as caught:
         choose_planners(TINY, ["tabular-q"], level="local", destinations=2)
+    assert caught.value.field == "destinations"
+    for name in ("unseen-maps", "helsinki"):
+        with pytest.raises(SidestepError) as caught:
+            choose_planners(scenario(name), ["tabular-q"])
+        assert caught.value.field == "level"
 
 
 # --- Other people's -------------------------------------------------------------------------------------------------

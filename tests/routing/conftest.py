@@ -1,7 +1,6 @@
 """A small town of which everything is known, with counters or a table of crowds."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,13 +8,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from sidestep.crowds.crowd_table import read_table, save_crowd_table
-from sidestep.environment.types import RewardWeights
+from sidestep.crowds.crowd_table import save_crowd_table
+from sidestep.crowds.table_reader import read_table
 from sidestep.network.formats import save_town
 from sidestep.network.town import Town
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.router import Router
-from sidestep.scenarios.model import Scenario, Sensor, Venue
+from sidestep.scenarios.model import RewardSpec, Scenario
+from sidestep.scenarios.places import Counters, CrowdTable, Sensor, Venue
 
 NOON = "2025-05-24T12:30"  # a Saturday
 DEGREE = 111_195.08  # m, on the equator in both directions
@@ -90,16 +90,19 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
     hours = [(first + timedelta(hours=hour)).isoformat(timespec="minutes") for hour in range(8 * 168)]
     rows = "".join(f"{hour},0,{QUAY_COUNT - 1}\n" for hour in hours)
     (folder / "counts.csv").write_text(f"time,back road,the quay\n{rows}")
-    venue = Venue(
-        streets=str(folder / "town.npz"),
-        counts=str(folder / "counts.csv"),
-        sensors=(Sensor("back road", at(100, -50)), Sensor("the quay", at(300, -50))),
+    counters = Counters(
+        file=str(folder / "counts.csv"),
+        sensors=(Sensor(name="back road", place=at(100, -50)), Sensor(name="the quay", place=at(300, -50))),
         reach=20.0,
         fitted=("2024-01-01", "2024-02-12"),
         tested=("2024-02-12", "2024-02-26"),
     )
     return Scenario(
-        "tiny", "a small town", venue=venue, law="weidmann", horizon=1200.0, reward=RewardWeights(progress=0, bonus=0)
+        name="tiny",
+        place=Venue(streets=str(folder / "town.npz"), crowd_source=counters),
+        law="weidmann",
+        horizon=1200.0,
+        reward=RewardSpec(progress=0.0, bonus=0.0),
     )
 
 
@@ -130,16 +133,17 @@ def live(tmp_path) -> Callable[..., Path]:
 def tabled(tiny) -> Callable[..., Scenario]:
     """The small town with a table of densities on its streets, instead of counters."""
 
-    def make(*rows: str, **changes: object) -> Scenario:
-        folder = Path(tiny.venue.streets).parent
+    def make(*rows: str, noise: tuple[float, float] = (0.9, 0.0), **changes: object) -> Scenario:
+        folder = Path(tiny.place.streets).parent
         file = folder / f"crowds-{abs(hash(rows))}" / "crowds.npz"
         file.parent.mkdir(exist_ok=True)
         with TemporaryDirectory() as drawer:
             table = Path(drawer) / "crowds.csv"
             table.write_text("\n".join(rows))
             save_crowd_table(read_table(table, small_town()), file)
-        venue = Venue(**{"streets": tiny.venue.streets, "counts": str(file), "days": (5,), "hours": (12, 14)} | changes)
-        return replace(tiny, name="tabled", venue=venue)
+        source = CrowdTable(file=str(file), noise=noise)
+        venue = Venue(streets=tiny.place.streets, crowd_source=source, days=(5,), hours=(12, 14), **changes)
+        return tiny.changed(name="tabled", place=venue)
 
     return make
 

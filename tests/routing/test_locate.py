@@ -1,20 +1,20 @@
 """Both ends of requests on the streets, their departure, and the crowds then."""
 
-from dataclasses import replace
 from datetime import datetime
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from sidestep.network.snap import Snapper
-from sidestep.network.splice import splice
 
 from sidestep.errors import SidestepError
+from sidestep.network.snapping import Snapper, split_streets
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.locate import FUTURES, SPARE_NODES, SPARE_SEGMENTS, LocatedRequest, locator, padded
 from sidestep.routing.request import RouteRequest, read_departure
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.model import Scenario, Traffic
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.places import Traffic
 
 NOON = datetime.fromisoformat("2025-05-24T12:30")  # a Saturday
 QUAY_COUNT = 4824
@@ -61,12 +61,12 @@ def test_ends_say_what_was_asked(tiny, place) -> None:
 @pytest.mark.parametrize("points", [(), ((50, 0),), ((200, 20),), ((50, 0), (150, 0)), ((50, 0), (200, 20))])
 def test_padding_changes_nothing(town, place, points) -> None:
     found = [Snapper(town).nearest(*place(*point)) for point in points]
-    plain = splice(town, [5, *found])
+    plain = split_streets(town, [5, *found])
     wide = padded(plain)
     nodes, segments = plain.network.nodes, plain.network.segments
     assert wide.network.nodes == town.nodes + SPARE_NODES
     assert wide.network.segments == len(town.street_of_segment()[0]) + SPARE_SEGMENTS
-    assert len(wide.parent) == len(wide.street) == len(wide.share) == wide.network.segments
+    assert len(wide.parent) == len(wide.street) == len(wide.fraction) == wide.network.segments
     for name in ("tail", "head", "length", "width"):
         np.testing.assert_array_equal(getattr(wide.network, name)[:segments], getattr(plain.network, name))
     for name in ("exit_node", "exit_segment"):
@@ -89,14 +89,14 @@ def test_current_counts_make_crowds(tiny, live) -> None:
     assert (found.facts.sensors, found.facts.counted_sensors) == (2, 1)
     assert found.facts.expected_crowds.endswith("and go on from current counts of 1 of 2 sensors")
     # back road was not counted; the quay has three times as many as usual, at 12:30 since this very moment
-    known = found.scenario_map.flow.known
-    assert np.isnan(float(known.residual[0]))
-    assert float(known.residual[1]) == pytest.approx(np.log(3), abs=1e-3)
-    assert float(known.since) == 0
+    current = found.scenario_map.flow.current
+    assert np.isnan(float(current.residual[0]))
+    assert float(current.residual[1]) == pytest.approx(np.log(3), abs=1e-3)
+    assert float(current.since) == 0
     later = located(tiny, depart=datetime.fromisoformat("2025-05-24T13:00"), live=now)
-    assert float(later.scenario_map.flow.known.since) == 0.5
+    assert float(later.scenario_map.flow.current.since) == 0.5
     before = located(tiny, live=live("2025-05-24T11,7"))
-    assert float(before.scenario_map.flow.known.since) == 1
+    assert float(before.scenario_map.flow.current.since) == 1
 
 
 def test_departures_in_towns(tiny) -> None:
@@ -126,9 +126,8 @@ def test_chance_or_lights_make_futures_differ(tiny, hours) -> None:
 
 def test_what_is_synthetic_is_said(tiny) -> None:
     assert located(tiny).facts.synthetic == ""
-    more = replace(tiny, venue=replace(tiny.venue, crowding=120.0))
-    assert located(more).facts.synthetic == "demand 120 × the counts (an invented event day)"
-    assert "synthetic" in located(scenario("rush-16"), depart=0).facts.synthetic
+    assert located(tiny.changed(crowding=120.0)).facts.synthetic == "demand 120 × the counts (an invented event day)"
+    assert "seed" in located(scenario("rush-16"), depart=0).facts.synthetic
 
 
 def refused(problem: Scenario, **asked: object) -> str:
@@ -197,16 +196,16 @@ def test_what_cannot_be_answered(tiny, hours, slots, live) -> None:
 
 def test_pieces_are_as_dense_as_their_street(town, place, hours) -> None:
     whole = draw_map(hours(), 0)
-    streets = splice(town, [Snapper(town).nearest(*place(x, 0)) for x in (50, 120)])
-    pieces = whole.spliced(streets)
+    streets = split_streets(town, [Snapper(town).nearest(*place(x, 0)) for x in (50, 120)])
+    pieces = whole.on_pieces(streets)
     long = np.flatnonzero(streets.parent == 0)
     assert np.asarray(pieces.network.length)[long] == pytest.approx([50, 70, 80], abs=0.01)
-    assert streets.share[long] == pytest.approx([0.25, 0.35, 0.4], abs=1e-4)
-    assert (streets.share[: town.streets][1:] == 1).all()
+    assert streets.fraction[long] == pytest.approx([0.25, 0.35, 0.4], abs=1e-4)
+    assert (streets.fraction[: town.streets][1:] == 1).all()
     for hour in (132.0, 133.0):
         before, after = (
-            np.asarray(there.beginning([hour]).flow.expected(3).density(there.network)[0]) for there in (whole, pieces)
+            np.asarray(there.flow.expected(jnp.array([hour]), 3).density(there.network)[0]) for there in (whole, pieces)
         )
         np.testing.assert_allclose(after, before[:, streets.parent], rtol=1e-5)
     # as many persons in all
-    assert float(pieces.flow.usual.sum()) == pytest.approx(float(whole.flow.usual.sum()))
+    assert float(pieces.flow.volume.sum()) == pytest.approx(float(whole.flow.volume.sum()))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.network.town import metres_between
+from sidestep.network.geodesy import metres_between
 from sidestep.plotting import draw_route
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import RouteError
@@ -93,7 +93,7 @@ def test_text_of_a_town(plan) -> None:
         "arrive",
         "In 7 simulated futures: median 3.8 min, 90 % within 3.8 min, 100.0 % arrive",
         "Arrives within 10 min with probability 1.00",
-        "Crowds are those that are usual at this hour of the week, whatever the date.",
+        "Crowds are those that are expected at this hour of the week, whatever the date.",
         "Streets: © nobody & sons, ODbL 1.0. Crowds: counts of counts.csv.",
     ):
         assert line in lines
@@ -104,7 +104,7 @@ def test_text_of_a_town(plan) -> None:
     ):
         assert part in text
     invented = replace(plan, synthetic="demand 120 × the counts").to_text()
-    assert invented.endswith(" Crowds: counts of counts.csv; demand 120 × the counts.\n")
+    assert invented.endswith(" Crowds: counts of counts.csv. Synthetic: demand 120 × the counts.\n")
 
 
 def test_text_of_a_grid(grid) -> None:
@@ -112,7 +112,9 @@ def test_text_of_a_grid(grid) -> None:
     assert lines[0] == "expected (map), departing 15 min after the start, if crowds are as expected:"
     assert lines[1:4] == ["", "node minutes", "0 0.0"]
     assert lines[3 + len(grid.legs)] == f"8 {grid.expected_minutes:.1f}"
-    assert lines[-1] == "Streets: a grid of random lengths. Crowds: simulated; streets and crowds are synthetic."
+    assert lines[-1] == (
+        "Streets: a grid of random lengths. Crowds: simulated. Synthetic: streets and crowds drawn from a seed."
+    )
 
 
 def test_text_of_walks_that_end_early(plan) -> None:
@@ -214,6 +216,6 @@ def test_gpx_of_odd_names(plan) -> None:
 def test_pictures_say_where_the_data_come_from(plan) -> None:
     figure = draw_route(replace(plan, synthetic="demand 120 × the counts"))
     assert figure.get_supxlabel() == (
-        "Streets: © nobody & sons, ODbL 1.0\nCrowds: counts of counts.csv; demand 120 × the counts"
+        "Streets: © nobody & sons, ODbL 1.0\nCrowds: counts of counts.csv\nSynthetic: demand 120 × the counts"
     )
     assert figure.get_suptitle() == ("tiny, Saturday 2025-05-24 12:30: 300 m, 4 min, planned by expected")

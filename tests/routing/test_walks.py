@@ -1,7 +1,6 @@
 """Walks through expected crowds and simulated futures, on grids and in a small town."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from sidestep.routing.request import RouteError
 from sidestep.routing.router import Router
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import ObjectiveSpec, Scenario
 from sidestep.walking.speed_laws import FREE_SPEED, Weidmann
 
 FUTURES, SLOW = 9, 2.0
@@ -67,7 +66,7 @@ def test_the_later_the_surer(plans) -> None:
 
 
 def test_where_the_forecast_comes_true_there_is_one_future(plans) -> None:
-    found, drawn = plans(problem=replace(SMALL, flows="forecast")), plans()
+    found, drawn = plans(problem=SMALL.changed(flows="forecast")), plans()
     assert found.futures == 1
     assert found.median_minutes == pytest.approx(found.expected_minutes, rel=1e-5)
     # and it is the route that is planned where crowds are drawn
@@ -97,13 +96,13 @@ def test_the_same_request_has_the_same_plan(plans) -> None:
 
 def test_who_wanders_may_not_arrive(plans) -> None:
     # a minute is too short for anyone; a planner may be an object, too
-    found = plans(RandomWalk(), replace(SMALL, horizon=60.0), depart=0, by=0.5)
+    found = plans(RandomWalk(), SMALL.changed(horizon=60.0), depart=0, by=0.5)
     assert (found.arrives, found.arrival_rate, found.arrive_by) == (False, 0, 0)
     assert found.expected_minutes == found.median_minutes == found.p90_minutes == 1
 
 
 def test_long_walks_are_kept_whole(plans) -> None:
-    found = plans("random-walk", replace(SMALL, side=2, crowded_nodes=0), destination=3)
+    found = plans("random-walk", SMALL.changed(side=2, crowded_nodes=0), destination=3)
     assert found.nodes[-1] == 3
     assert len(found.legs) > 4  # more than the grid has nodes
 
@@ -139,9 +138,7 @@ def test_the_planner_is_no_baseline(router, place) -> None:
 
 
 def test_an_objective_is_told_and_met(tiny, place) -> None:
-    from sidestep.walking.objective import Objective
-
-    calm = Router(replace(tiny, objective=Objective(time=0.01, exposure=1.0)))
+    calm = Router(tiny.changed(objective=ObjectiveSpec(time=0.01, exposure=1.0)))
     found = calm.plan(place(50, 4), place(300, -50), futures=3)
     assert found.objective["exposure"] == 1
     assert found.baselines["shortest-path"].mean_difference_exposure == pytest.approx(0, abs=1)

@@ -98,6 +98,10 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
     >>> preset("default", "map").n_step
     6
     """
+    if several_maps and level == "position":
+        raise TrainConfigError(
+            "coordinates mean nothing on maps that were never walked; train at another level", field="level"
+        )
     if name in _POSITION_ONLY:
         if level != "position":
             raise TrainConfigError(
@@ -106,10 +110,6 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
         return _POSITION_ONLY[name]
     config = _DEFAULT[level]
     if several_maps:
-        if level == "position":
-            raise TrainConfigError(
-                "coordinates mean nothing on maps that were never walked; train at another level", field="level"
-            )
         config = config.changed(places=0, futures=16, fresh_futures=4, destinations=4)
     if level == "live" and nodes > _MANY_NODES:
         config = config.changed(futures=16, fresh_futures=1, test_walks=8, rounds=80)

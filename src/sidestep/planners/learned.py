@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.agent.checkpoint import Metadata, Model, load_model
-from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy
-from sidestep.agent.presets import Preset, preset, preset_for
+from sidestep.agent.presets import Preset, preset_for
 from sidestep.agent.runs import train
 from sidestep.environment.types import EnvParams, Information, Instance, Observation
 from sidestep.errors import SidestepError
@@ -186,8 +185,7 @@ def _check_fits(folder: Path, metadata: Metadata, scenario: Scenario, level: Inf
         where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
         known = where[learned.place.interpolated]
         raise ModelError(
-            f"the model in {folder} learned to walk {known}; {scenario.name} is another kind",
-            field="scenario",
+            f"the model in {folder} learned to walk {known}; {scenario.name} is another kind", field="scenario"
         )
 
 
@@ -203,27 +201,31 @@ def _check_place(folder: Path, metadata: Metadata, scenario_map: ScenarioMap) ->
     )
 
 
-def trainable(
-    scenario: Scenario, seed: int, level: Information, name: Preset, destinations: int = 1
-) -> dict[str, Factory]:
-    """Agents that are trained before they walk: ``darp`` by the preset of this name, and the baselines that learn.
+def trainable(scenario: Scenario, seed: int, level: Information, name: Preset, destinations: int = 1) -> Factory:
+    """Make a factory of agents that are trained before they walk.
 
-    They learn ``destinations`` destinations, or more where their preset does. Where a scenario has maps of its own to
-    train on, that is done once for all maps.
+    Parameters
+    ----------
+    scenario, seed
+        The maps that are walked. Where the scenario has maps of its own to train on, an agent is trained on these, once
+        for all maps.
+    level
+        What agents observe.
+    name
+        The preset by which they learn.
+    destinations
+        Least number of destinations to learn; the preset may have more.
+
+    Raises
+    ------
+    TrainConfigError
+        What is asked for cannot be learned at this level.
     """
-    configs = {Darp.name: preset_for(scenario, name, level), "dqn": preset_for(scenario, "dqn", level)}
-    if not scenario.place.training_maps and not scenario.place.anywhere and destinations == 1:
-        configs["tabular-q"] = preset("tabular-q")
-    return {
-        key: _factory(scenario, seed, config.changed(destinations=max(config.destinations, destinations)))
-        for key, config in configs.items()
-    }
+    config = preset_for(scenario, name, level)
+    config = config.changed(destinations=max(config.destinations, destinations))
 
-
-def _factory(scenario: Scenario, seed: int, config: TrainConfig) -> Factory:
     @lru_cache
     def learned(index: int) -> Darp:
         return trained_darp(train(scenario, config, seed=seed, index=index).model)
 
-    # What is learned on maps made for it serves all maps.
     return lambda _map, index: learned(0 if scenario.place.training_maps else index)

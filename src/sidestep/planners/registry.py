@@ -272,16 +272,15 @@ def choose_planners(
         names = [*(info.name for info in _BUILT_IN.values() if not info.learns), *([] if models else ["darp"])]
     found = {name: _info(name).name for name in (*names, REFERENCE, BASELINE, BOUND, against) if name not in learned}
     chosen = {name: info for name, info in _KNOWN.items() if name in found.values()}
-    trained = {}
-    if any(info.learns for info in chosen.values()):
-        from sidestep.planners.learned import trainable
-
-        trained = trainable(scenario, seed, level or scenario.level, preset, destinations)
     factories: dict[str, PlannerFactory] = {}
     for name, info in chosen.items():
-        if info.learns and name not in trained:
-            raise PlannerError(f"{name} learns only grids with one destination", field="planners")
-        factories[name] = trained.get(name, lambda *_, planner=info.planner: planner)
+        factories[name] = lambda *_, planner=info.planner: planner
+        if info.learns:
+            from sidestep.planners.learned import trainable
+
+            at: Any = info.level if info.level != "any" else level or scenario.level
+            way: Any = preset if name == "darp" else name
+            factories[name] = trainable(scenario, seed, at, way, destinations)
     return Lineup(scenario, factories | learned, found.get(against, against), only_map)
 
 
@@ -307,7 +306,7 @@ for _planner, _use in (
     (Expected, "The default of `route`: when no live counts are at hand."),
     (Clairvoyant, "Never in practice: the bound that shows what is left to gain."),
     (GreedyLocal, "When there is no map, only what is in sight."),
-    (GreedyMap, "When a map and usual crowds are known, and the walker can look ahead."),
+    (GreedyMap, "When a map and expected crowds are at hand, and the walker looks around."),
     (Snapshot, "When all counters report now, and crowds change slowly."),
     (Forecast, "When all counters report now: the best without training."),
 ):

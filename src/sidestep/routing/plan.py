@@ -213,10 +213,10 @@ class RoutePlan(RequestFacts, WalkTimes):
         return points
 
     @property
-    def sources(self) -> tuple[str, str]:
-        """Where the streets and the crowds come from, and what is invented of these."""
-        crowds = "; ".join(filter(None, (self.crowds, self.synthetic)))
-        return f"Streets: {self.attribution}", f"Crowds: {crowds}"
+    def sources(self) -> list[str]:
+        """Where streets and crowds come from, and what is synthetic."""
+        said = {"Streets": self.attribution, "Crowds": self.crowds, "Synthetic": self.synthetic}
+        return [f"{what}: {words}" for what, words in said.items() if words]
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the map, ready for ``json.dumps``."""
@@ -284,7 +284,7 @@ class RoutePlan(RequestFacts, WalkTimes):
         ]
         return gpx(
             name=f"{self.origin.asked} to {self.destination.asked}",
-            about=f"{about}{likely} {self.sources[1]}.{zone}",
+            about=f"{about}{likely} {'. '.join(self.sources[1:])}.{zone}",
             attribution=self.attribution,
             departure=None if self.departure is None else datetime.fromisoformat(self.departure),
             turns=[*turns, Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end")],
