@@ -21,18 +21,18 @@ from time import perf_counter
 import jax
 import jax.numpy as jnp
 import numpy as np
-from sidestep.environment.knowledge import expected_cost_to_go
 from streets import write
 
 from sidestep.agent.presets import preset_for
 from sidestep.agent.runs import train
+from sidestep.environment.cost_to_go import expected_cost_to_go
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
 from sidestep.planners.base import walk_plan
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import choose_planners, find_planner
-from sidestep.scenarios.episodes import anywhere_to_anywhere, instances, set_out
+from sidestep.scenarios.episodes import instances, random_destinations
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.reader import find_scenario
@@ -82,10 +82,9 @@ def environment(folder, destinations, level):
     """The scenario, its environment with recorded futures, and a walk to each of several destinations."""
     problem = find_scenario(folder / "scenario.toml")
     scenario_map = draw_map(problem, 0)
-    nodes = anywhere_to_anywhere(scenario_map, destinations, 0)
-    here = set_out(problem, scenario_map, nodes)
-    params = make_environment(problem, here, "test", destinations, level=level, destinations=nodes)
-    return problem, params, instances(problem, here, params, destinations, destinations=nodes)
+    nodes = random_destinations(scenario_map, destinations, 0)
+    params = make_environment(problem, scenario_map, "test", destinations, level=level, destinations=nodes)
+    return problem, params, instances(problem, scenario_map, params, destinations, destinations=nodes)
 
 
 def milliseconds(run, turns=TURNS):
@@ -119,7 +118,7 @@ def costs_to_go(folder):
     problem, params, todo = environment(folder, 1, "map")
     at_destination = (jnp.arange(params.network.nodes) == todo.destination[0])[None]
     tables = jax.jit(expected_cost_to_go)
-    took = milliseconds(lambda: tables(params, at_destination), 2)
+    took = milliseconds(lambda: tables(params, at_destination, params.futures.hour[:1]), 2)
     planner = find_planner("greedy-map")
     plan = planner.plan(params, todo)
     walk = milliseconds(lambda: walk_plan(planner, params, plan, todo, jax.random.key(0), 1_000))

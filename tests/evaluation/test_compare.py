@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sidestep.evaluation import compare as comparing
-from sidestep.evaluation.compare import Comparison, compare, synthetic
+from sidestep.evaluation.compare import Comparison, compare
 from sidestep.planners.base import routes, walk_plan
 from sidestep.planners.random import RandomWalk
 from sidestep.planners.registry import PlannerError, PlannerFactory, choose_planners, find_planner
@@ -289,6 +289,5 @@ def test_a_second_comparison_compiles_nothing(caplog) -> None:
 
 
 def test_results_say_that_crowds_are_invented() -> None:
-    assert synthetic(scenario("helsinki")).startswith("demand 120 × the counts")
-    nothing = Comparison(TINY, 0, 0, 0, {})
-    assert synthetic(nothing.scenario) == ""
+    assert "demand 120 × the counts (an invented event day)" in scenario("helsinki").place.synthetic
+    assert "drawn from a seed" in TINY.place.synthetic

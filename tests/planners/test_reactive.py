@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sidestep.environment.knowledge import expected_cost_to_go, live_cost_to_go
 
+from sidestep.environment.cost_to_go import expected_cost_to_go, live_cost_to_go
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.planners.base import Planner, routes, walk_plan
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
@@ -29,15 +29,16 @@ SLOT = 150.0
 @jax.jit
 def knowing(params: EnvParams) -> EnvParams:
     """All is known of the way to node 3; what is forecast from the counts is what comes."""
-    network, field = params.network, params.futures.of(jnp.int32(0))
-    usual = expected_cost_to_go(params, (jnp.arange(network.nodes) == 3)[None])
-    params = replace(params, usual=usual, level="live")
+    network, field = params.network, params.futures.speeds.of(jnp.int32(0))
+    costs = expected_cost_to_go(params, (jnp.arange(network.nodes) == 3)[None], jnp.zeros(1))
+    params = replace(params, cost_to_go=costs, level="live")
 
-    def ahead(_now: jax.Array, slot: jax.Array, _crowd: jax.Array) -> SpeedField:
+    def ahead(_now: jax.Array, _hour: jax.Array, slot: jax.Array) -> SpeedField:
         return speed_field(field.speed[:, jnp.minimum(slot + jnp.arange(4), field.slots - 1)], SLOT)
 
     volume = jnp.ones((1, field.slots, network.segments))
-    return replace(params, live=live_cost_to_go(params, volume, ahead))
+    live = live_cost_to_go(params, volume, ahead)
+    return replace(params, futures=replace(params.futures, cost_to_go=live))
 
 
 @pytest.fixture(scope="module")
@@ -164,4 +165,4 @@ def test_walks_that_a_level_knows_nothing_about_are_refused(small) -> None:
     with pytest.raises(ValueError):  # a future that is for the other destination
         walk(params, replace(todo, future=todo.future + 1))
     with pytest.raises(ValueError, match="level live"):
-        walk(replace(params, live=None), todo)
+        walk(replace(params, futures=replace(params.futures, cost_to_go=None)), todo)

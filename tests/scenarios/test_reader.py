@@ -311,7 +311,7 @@ def test_what_is_wrong_with_the_files_that_are_named(refused, text: str, places:
         (HELSINKI + "crowd = 2", "did you mean crowding?"),
         (SOURCE + "reahc = 2", "did you mean reach?"),
         (HELSINKI + "[objective]\nsafety = 1", "there are time, distance, exposure, max_density"),
-        (SENSORS + "'45 Queen St' = 'paired'", "did you mean one of '45 Queen Street'"),
+        (SENSORS + "'45 Queen St' = 'paired'", "did you mean '45 Queen Street'"),
         (SENSORS + "a.b = 'paired'", "a name with a dot in it needs quotes"),
         ("[place]\nstreets = 'helsinky'", 'or "helsinki"'),
     ],
