@@ -12,7 +12,7 @@ TARGET = Path(__file__).parents[1] / "src/sidestep/crowds/auckland_arima.json"
 
 
 def fitted() -> dict[str, object]:
-    """What the JSON file holds: the paper's ARIMA(1, 0, 0), six significant digits."""
+    """Fit the paper's ARIMA(1, 0, 0); the content of the JSON file, with six significant digits."""
     series = load_auckland().between(*TRAIN).series(DEFAULT_SENSOR)
     model = fit_arima(series, p=1, d=0, q=0)
     return {
@@ -20,7 +20,7 @@ def fitted() -> dict[str, object]:
         "period": list(TRAIN),
         "unit": "persons/h",
         "step": model.step,
-        "order": [model.ar.shape[0], model.d, model.ma.shape[0]],
+        "order": list(model.order),
         "ar": [float(f"{value:.6g}") for value in model.ar.tolist()],
         "ma": [float(f"{value:.6g}") for value in model.ma.tolist()],
         "mean": float(f"{float(model.mean):.6g}"),

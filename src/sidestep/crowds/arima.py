@@ -262,6 +262,11 @@ def fit_arima(
     step
         Seconds between two values.
 
+    Returns
+    -------
+    model
+        In the paper's signs.
+
     Raises
     ------
     SeriesError

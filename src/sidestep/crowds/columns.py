@@ -108,6 +108,11 @@ def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False)
     fold_case
         Whether names of columns become lower-case.
 
+    Returns
+    -------
+    columns
+        All columns, in their order in the file.
+
     Raises
     ------
     SidestepError

@@ -212,6 +212,11 @@ def read_counts(path: str | os.PathLike[str]) -> CountTable:
     path
         The file, in UTF-8.
 
+    Returns
+    -------
+    table
+        With every hour from the first to the last.
+
     Raises
     ------
     CountsError
@@ -251,10 +256,10 @@ def read_counts(path: str | os.PathLike[str]) -> CountTable:
 
 
 def unknown_sensor(source: str, sensor: str, sensors: Iterable[str]) -> CountsError:
-    """An error about a sensor that there is not, with similar names."""
+    """An error about a sensor that is not there, with similar names."""
     lower = {name.lower(): name for name in sensors}
     asked = sensor.strip().lower()
-    similar = [name for key, name in lower.items() if asked in key] if asked else []
-    similar += [lower[key] for key in difflib.get_close_matches(asked, lower, n=3)]
-    names = ", ".join(map(repr, list(dict.fromkeys(similar))[:3] or lower.values()))
-    return CountsError(f"{source}: no sensor {reprlib.repr(sensor)}; did you mean one of {names}?", field=sensor)
+    similar = [name for key, name in lower.items() if asked and asked in key]
+    similar += [lower[key] for key in difflib.get_close_matches(asked, lower, n=3) if lower[key] not in similar]
+    hint = f"did you mean {' or '.join(map(repr, similar[:3]))}?" if similar else f"there are {list(lower.values())}"
+    return CountsError(f"{source}: no sensor {reprlib.repr(sensor)}; {hint}", field=sensor)

@@ -54,6 +54,11 @@ def interpolation_weights(
     reach
         Metres after which a density has faded to 1/e, positive.
 
+    Returns
+    -------
+    weights
+        Of the nearest sensors of each segment.
+
     Raises
     ------
     NetworkError

@@ -49,6 +49,11 @@ def latest_counts(table: CountTable, sensors: Sequence[str], departure: datetime
     departure
         Local wall time.
 
+    Returns
+    -------
+    latest
+        NaN for sensors without a count.
+
     Raises
     ------
     CountsError

@@ -9,7 +9,7 @@ from datetime import datetime
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, ScalarLike, Shaped
+from jaxtyping import Array, Float, Int, Shaped
 
 from sidestep.crowds import arima
 
@@ -23,7 +23,7 @@ class HourOfWeekProfile(eqx.Module):
     expected: Float[Array, "168"]
     """Mean of log(1 + y) in each hour of the week, y in persons/h; hour 0 is Monday 0:00 to 0:59."""
     residual: arima.Arima
-    """AR(1) of log(1 + y) less its expected value; its step is the step of the whole model."""
+    """AR(1) from hour to hour of log(1 + y) less its expected value."""
 
 
 def hour_of_week(times: Shaped[np.ndarray, " hour"]) -> Int[np.ndarray, " hour"]:
@@ -53,6 +53,11 @@ def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " 
     series
         Persons/h; NaN where missing.
 
+    Returns
+    -------
+    profile
+        Means of the logarithms by hour of the week, and an ARIMA(1, 0, 0) of the residuals.
+
     Raises
     ------
     SeriesError
@@ -73,63 +78,24 @@ def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " 
     return HourOfWeekProfile(jnp.asarray(expected), arima.fit_arima(logs - expected[hours], p=1, d=0, q=0))
 
 
-def change_step(model: HourOfWeekProfile, step: float) -> HourOfWeekProfile:
-    """The same model sampled every `step` seconds; exact, as `arima.change_step` is, whose errors it raises."""
-    return HourOfWeekProfile(model.expected, arima.change_step(model.residual, step))
-
-
-def simulate(
-    model: HourOfWeekProfile,
-    start_hour_of_week: ScalarLike,
-    initial_residual: Float[Array, " *batch"],
-    innovations: Float[Array, "slot *batch"],
-) -> Float[Array, "slot *batch"]:
-    """Simulate volumes from an hour of the week on, in persons/h, never negative.
+def one_step(
+    model: HourOfWeekProfile, hours: Int[Array, " hour"], series: Float[Array, " hour"]
+) -> Float[Array, " hour"]:
+    """Forecast each hourly count from all counts before it; NaN until a count has been observed.
 
     Parameters
     ----------
     model
-        The model; its step is the slot.
-    start_hour_of_week
-        Wall time of the first slot returned, hours since Monday 0:00; any number, taken modulo a week. Slots shorter
-        than an hour have the expected level of the hour in which they begin.
-    initial_residual
-        Residual of the slot *before* the first; 0 is an ordinary day.
-    innovations
-        Standard normal numbers, one for each slot.
+        The fitted profile.
+    hours
+        Hours of the week.
+    series
+        Counts in these hours, persons/h; NaN where missing.
+
+    Returns
+    -------
+    forecasts
+        Persons/h, never negative.
     """
-    residuals = arima.latent(model.residual, initial_residual[None], innovations)
-    # Known when compiling, so NumPy may count in double precision. Single precision may turn noon into 11:59:59.98: a
-    # second is added to keep it in the right hour.
-    offsets = np.arange(innovations.shape[0]) * (model.residual.step / 3600.0) % HOURS_OF_WEEK + 1.0 / 3600.0
-    clock = start_hour_of_week + jnp.asarray(offsets)
-    expected = model.expected[jnp.floor(clock).astype(int) % HOURS_OF_WEEK]
-    return _volumes(expected.reshape(-1, *(1,) * initial_residual.ndim) + residuals)
-
-
-def forecast(
-    model: HourOfWeekProfile,
-    start_hour_of_week: ScalarLike,
-    initial_residual: Float[Array, " *batch"],
-    slots: int,
-) -> Float[Array, "slots *batch"]:
-    """Forecast median volumes of `slots` slots: `simulate` without innovations."""
-    return simulate(model, start_hour_of_week, initial_residual, jnp.zeros((slots, *initial_residual.shape)))
-
-
-def residuals(
-    model: HourOfWeekProfile, hours: Int[Array, " hour"], series: Float[Array, " hour"]
-) -> Float[Array, " hour"]:
-    """How counts in persons/h differ from the expected ones of their hours of the week, in logarithms."""
-    return jnp.log1p(series) - model.expected[hours]
-
-
-def one_step(
-    model: HourOfWeekProfile, hours: Int[Array, " hour"], series: Float[Array, " hour"]
-) -> Float[Array, " hour"]:
-    """Forecast each hourly value from all values before it; NaN until a value has been observed."""
-    return _volumes(model.expected[hours] + arima.latent_one_step(model.residual, residuals(model, hours, series)))
-
-
-def _volumes(logs: Float[Array, "..."]) -> Float[Array, "..."]:
-    return jnp.maximum(jnp.expm1(logs), 0.0)
+    residual = jnp.log1p(series) - model.expected[hours]
+    return jnp.maximum(jnp.expm1(model.expected[hours] + arima.latent_one_step(model.residual, residual)), 0.0)

@@ -78,6 +78,11 @@ def lasting_noise(
         Coefficient from slot to slot, 0 to below 1.
     sigma
         Standard deviation in every slot.
+
+    Returns
+    -------
+    noise
+        In logarithms of the volume.
     """
     futures, slots, segments = shape
     innovations = jax.random.normal(key, (slots, futures, segments)) * sigma

@@ -53,6 +53,11 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     sensors
         Names of the sensors to fit; by default all of the table.
 
+    Returns
+    -------
+    model
+        With sensors in the order of ``sensors``.
+
     Raises
     ------
     SeriesError
@@ -137,6 +142,11 @@ def recorded_weeks(
         Hourly counts.
     sensors
         Names of the sensors of the model.
+
+    Returns
+    -------
+    record
+        By week, hour of the week and sensor.
 
     Raises
     ------

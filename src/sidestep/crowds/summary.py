@@ -21,7 +21,7 @@ from sidestep.crowds.counts import (
     load_auckland,
     read_counts,
 )
-from sidestep.crowds.profile import HOURS_OF_WEEK, HourOfWeekProfile
+from sidestep.crowds.profile import HOURS_OF_WEEK
 
 DEFAULT_SENSOR = "45 Queen Street"  # the one that the paper scenarios' model is fitted to
 PERSISTENCE, LAST_WEEK, PROFILE = "persistence", "same hour last week", "log hour-of-week profile + AR(1)"
@@ -39,8 +39,6 @@ class OneStepErrors:
     """Root-mean-square error of each prediction on these hours, persons/h."""
     arima_model: Arima
     """The fitted ARIMA."""
-    profile_model: HourOfWeekProfile
-    """The fitted profile."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +102,11 @@ def summarise_counts(
         p, d and q of the ARIMA; with d None the data choose it.
     seed
         Of the simulated week.
+
+    Returns
+    -------
+    summary
+        All that ``sidestep counts --json`` prints.
 
     Raises
     ------
@@ -172,6 +175,11 @@ def one_step_errors(
     p, d, q
         Order of the ARIMA; with d None the data choose it.
 
+    Returns
+    -------
+    errors
+        All on the same test hours.
+
     Raises
     ------
     CountsError
@@ -208,7 +216,6 @@ def one_step_errors(
             name: float(np.sqrt(np.mean((series - predicted)[usable] ** 2))) for name, predicted in predictions.items()
         },
         arima_model=arima_model,
-        profile_model=profile_model,
     )
 
 

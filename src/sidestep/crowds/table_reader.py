@@ -43,6 +43,11 @@ def read_table(path: str | Path, town: Town, slot_seconds: float | None = None) 
     slot_seconds
         Length of a slot, where the table does not have two times or more; by default 300.
 
+    Returns
+    -------
+    table
+        With a value for every mentioned segment in every slot.
+
     Raises
     ------
     TableError

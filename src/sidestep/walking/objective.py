@@ -12,7 +12,9 @@ from sidestep.walking.speed_laws import FREE_SPEED
 PENALTY_SECONDS = 3600.0
 """Entering a segment above the maximum density costs as much as walking for so many seconds."""
 
+Scalar = Float[Array, ""]
 Numbers = Float[Array, "*n"]
+Flags = Bool[Array, "*n"]
 Deferred = Callable[[], Numbers]
 """Numbers that are worked out only for the objectives that need them."""
 
@@ -65,7 +67,7 @@ class TravelTime(eqx.Module):
         """Cost of a step during which a walker's clock has gone on by ``elapsed`` seconds, rounding included."""
         return elapsed
 
-    def walk_cost(self, _total: Numbers, seconds: Numbers, _arrived: Bool[Array, "*n"], _horizon: Numbers) -> Numbers:
+    def walk_cost(self, _total: Numbers, seconds: Numbers, _arrived: Flags, _horizon: Scalar) -> Numbers:
         """Cost of a walk from the total of its steps and its travel time, which is the horizon if it did not arrive."""
         return seconds
 
@@ -88,13 +90,13 @@ class WeightedObjective(eqx.Module):
     needs_density: ClassVar[bool] = True
     measures: ClassVar[tuple[str, ...]] = ("metres", "exposure", "too_dense")
 
-    time: float | Float[Array, ""] = 1.0
+    time: float | Scalar = 1.0
     """Weight of each second."""
-    distance: float | Float[Array, ""] = 0.0
+    distance: float | Scalar = 0.0
     """Weight of each metre, in s."""
-    exposure: float | Float[Array, ""] = 0.0
+    exposure: float | Scalar = 0.0
     """Weight of each person·s/m² met, in s: of the density, integrated over the walk."""
-    max_density: float | Float[Array, ""] | None = None
+    max_density: float | Scalar | None = None
     """Density in persons/m² above which nobody should enter a segment; None where there is no such density."""
 
     @property
@@ -102,7 +104,7 @@ class WeightedObjective(eqx.Module):
         return self.max_density is not None
 
     @property
-    def penalty(self) -> float | Float[Array, ""]:
+    def penalty(self) -> float | Scalar:
         if self.max_density is None:
             return 0.0
         return PENALTY_SECONDS * (self.time + self.distance * FREE_SPEED + self.exposure * self.max_density)
@@ -119,7 +121,7 @@ class WeightedObjective(eqx.Module):
     def step_cost(self, crossed: Crossing, _elapsed: Numbers) -> Numbers:
         return crossed.cost
 
-    def walk_cost(self, total: Numbers, _seconds: Numbers, arrived: Bool[Array, "*n"], horizon: Numbers) -> Numbers:
+    def walk_cost(self, total: Numbers, _seconds: Numbers, arrived: Flags, horizon: Scalar) -> Numbers:
         return total + jnp.where(arrived, 0.0, horizon)
 
     def waiting(self, seconds: Numbers, density: Deferred) -> Numbers:
