@@ -1,4 +1,4 @@
-"""How long potentials, decisions and training take at each level of knowledge.
+"""How long costs to go, decisions and training take at each level of knowledge.
 
 Usage: python benchmarks/levels.py [--rounds N] [--json]
 """
@@ -6,15 +6,16 @@ Usage: python benchmarks/levels.py [--rounds N] [--json]
 import argparse
 import json
 import statistics
-from dataclasses import replace
 from time import perf_counter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sidestep.agent.policy import Policy
 from sidestep.agent.presets import preset
-from sidestep.agent.train import fresh_network, greedy, train
+from sidestep.agent.q_networks import untrained
+from sidestep.agent.train import training_rounds
 from sidestep.environment.cost_to_go import at_clock, field_cost_to_go
 from sidestep.environment.dynamics import reset
 from sidestep.environment.types import LEVELS
@@ -39,16 +40,22 @@ def milliseconds(run, *arguments, turns=25):
     return statistics.median(times)
 
 
-def potentials():
+def costs_to_go():
     """All origins and departures to one destination: 1,024 nodes, 24 slots."""
     problem = scenario("rush-32", horizon=24 * 300.0, departures=(0.0, 0.0))
     params = make_environment(problem, draw_map(problem, 0), "test", 1)
     goal = jnp.zeros(params.network.nodes, bool).at[-1].set(True)
-    return milliseconds(jax.jit(field_cost_to_go), params.network, params.expected.of(jnp.int32(0)), goal)
+
+    @jax.jit
+    def expected(params, goal):
+        first = jnp.int32(0)
+        return field_cost_to_go(params, params.expected.of(first), params.wait_in(first), goal)
+
+    return milliseconds(expected, params, goal)
 
 
 def accuracy():
-    """Mean and largest error of potentials against exact search, per cent: random origins, departures and crowds."""
+    """Mean and largest error of costs to go against exact search, per cent: random origins, departures and futures."""
     problem = scenario("rush-16")
     params = make_environment(problem, draw_map(problem, 0), "test", SEARCHES)
     network, last = params.network, params.network.nodes - 1
@@ -59,9 +66,9 @@ def accuracy():
 
     @jax.jit
     def both(number, origin, departure):
-        field = params.futures.of(number)
+        field = params.futures.speeds.of(number)
         exact = earliest_arrivals(network, field, origin, departure)[0][last] - departure
-        table = field_cost_to_go(network, field, goal)
+        table = field_cost_to_go(params, field, params.wait_in(number), goal)
         return exact, at_clock(table, field.slot_seconds, departure[None], origin[None])[0]
 
     found = np.array([both(*one) for one in zip(jnp.arange(SEARCHES), origins, departures, strict=True)])
@@ -86,17 +93,16 @@ def decisions(level):
     params = make_environment(problem, scenario_map, "test", 20, level=level)
     todo = instances(problem, scenario_map, params, WALKERS)
     _, seen = jax.vmap(lambda one: reset(params, one))(todo)
-    network = fresh_network(preset("default", level), problem, scenario_map.network, scenario_map.key)
-    decide = jax.jit(lambda network, seen: jax.vmap(lambda one: greedy(network)(one, scenario_map.key))(seen))
-    return milliseconds(decide, network, seen)
+    policy = Policy(untrained(preset("default", level), problem, scenario_map.network, scenario_map.key))
+    return milliseconds(jax.jit(lambda policy, seen: jax.vmap(policy)(seen)), policy, seen)
 
 
 def training(level, rounds):
     """Transitions and gradient steps a second, the first round left out since it compiles."""
-    config = replace(preset("default", level), rounds=rounds)
+    config = preset("default", level).changed(rounds=rounds)
     problem = scenario("paper-congested" if level == "position" else "rush-16")
     ended = []
-    for _, report in train(config, problem, draw_map(problem, 0)):
+    for _, report in training_rounds(config, problem, draw_map(problem, 0)):
         jax.block_until_ready(report)
         ended.append(perf_counter())
     each = float(np.median(np.diff(ended)))
@@ -110,8 +116,8 @@ def main():
     options = parser.parse_args()
     mean, largest = accuracy()
     found = {
-        "potentials_ms": potentials(),
-        "potentials_error_percent": {"mean": mean, "largest": largest},
+        "costs_to_go_ms": costs_to_go(),
+        "costs_to_go_error_percent": {"mean": mean, "largest": largest},
         "live_feed_ms_per_slot": {name: live_feed(name) for name in ("rush-16", "rush-32")},
     }
     levels = {}
@@ -125,7 +131,7 @@ def main():
     if options.json:
         print(json.dumps({**found, "levels": levels}, indent=2))
         return
-    print(f"potentials, 1,024 nodes x 24 slots: {found['potentials_ms']:.1f} ms")
+    print(f"costs to go, 1,024 nodes x 24 slots: {found['costs_to_go_ms']:.1f} ms")
     print(f"against exact search, 256 nodes: off by {mean:.2f} % in the mean, {largest:.2f} % at most")
     for name, each in found["live_feed_ms_per_slot"].items():
         print(f"live feed, {name}: {each:.1f} ms a slot")

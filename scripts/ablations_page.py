@@ -6,11 +6,13 @@ Models and comparisons that are in FOLDER already are not made again.
 """
 
 import json
-import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-from sidestep.agent.presets import preset
+from keep_models import trained
+
+from sidestep.agent.presets import preset_for
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import percent
 from sidestep.files import write_text
@@ -21,36 +23,40 @@ DOCS = Path(__file__).parents[1] / "docs"
 SCENARIO = "rush-16"
 LEVELS = {"local": "greedy-local", "map": "greedy-map"}  # and the planner that an untrained agent is
 AT_MAP = ("default", "no-dueling", "prioritised", "one-step")  # what is tried there
-VARIANTS: dict[str, tuple[str, ...]] = {
-    "default": (),
-    "no-dueling": ("--no-dueling",),
-    "no-double": ("--no-double",),
-    "prioritised": ("--alpha", "0.6"),
-    "one-step": ("--n-step", "1"),
-    "six-steps": ("--n-step", "6"),
-    "no-potential": ("--no-potential",),
-    "gamma-0.99": ("--gamma", "0.99"),
-    "dqn": ("--preset", "dqn"),
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {  # the option of `train`, and the setting that it changes
+    "default": ("", {}),
+    "no-dueling": ("--no-dueling", {"dueling": False}),
+    "no-double": ("--no-double", {"double": False}),
+    "prioritised": ("--alpha 0.6", {"alpha": 0.6}),
+    "one-step": ("--n-step 1", {"n_step": 1}),
+    "six-steps": ("--n-step 6", {"n_step": 6}),
+    "no-potential": ("--no-potential", {"potential": False}),
+    "gamma-0.99": ("--gamma 0.99", {"gamma": 0.99}),
+    "dqn": ("--preset dqn", {"dueling": False, "double": False, "alpha": 0.0}),
 }
 PAGE = """# Ablations
+
+This page says what each part of the learning algorithm is worth, by leaving out or changing one at a time.
 
 ```sh
 python scripts/ablations_page.py ablations   # trains {models} agents in the folder ablations/, writes this page
 ```
 
-One thing changed at a time, on `rush-16` (map 0, seed 0): the agents walk the same {walks} held-out walks, corner to
-corner; *over* are paired differences in minutes with 95 % intervals, below zero where faster. The intervals cover the
-walks; each agent was trained once. Settings were chosen on this map; [levels.md](levels.md) judges them on another.
+All agents walk the same {walks} held-out walks, corner to corner on `rush-16` (map 0, seed 0), at two
+[levels of knowledge](levels.md). The columns *over* are paired differences in minutes with 95 % intervals, below zero
+where faster; *over the clairvoyant* is the *gap*: how much longer the agent takes than the clairvoyant, in per cent. The
+intervals cover the walks; each agent was trained once. Settings were chosen on this map, and [levels.md](levels.md)
+judges them on another.
 
-- `default`: n-step returns of {steps}, dueling, double, uniform replay, Q as a correction to the level's estimate.
+- `default`: n-step returns (n is {steps}), dueling, double, uniform replay, Q as a correction to the level's own estimate.
 - `no-potential`: Q is learned from nothing (`--no-potential`); the estimate remains one of the inputs.
 - `dqn`: no dueling heads, no double Q-learning, uniform replay (`--preset dqn`).
 
-What it shows, on this one map: dueling heads, double Q-learning and priorities make no difference that
-these walks could tell from chance, and plain `dqn` does as well. Returns of six steps cost half a minute at level `local`,
-where exploration spoils them. Beginning from the level's estimate and not discounting may be worth 0.2 minutes each. What
-carries the agents is what they see and how they score it, street by street. At level `map` hardly any agent is told from
-the untrained one here; on the map of levels.md the default gains more than a minute.
+On this one map, dueling heads, double Q-learning and priorities make no difference that these walks could tell from
+chance, and plain `dqn` does as well. Returns of six steps cost half a minute at level `local`, where exploration spoils
+them. Starting from the level's estimate, and not discounting, may be worth 0.2 minutes each. What carries the agents is
+what they observe, and that they score it segment by segment. At level `map` hardly any agent differs from the untrained
+one here; on the map of levels.md the default gains more than a minute.
 """
 
 
@@ -66,8 +72,8 @@ def main(folder: Path) -> None:
         page += f"| agent | options of `train` | minutes | over `expected` | 95 % | over `{untrained}` | 95 % | over the clairvoyant |\n"
         page += "|---|---|--:|--:|--:|--:|--:|--:|\n"
         for name, row in results[level]["planners"].items():
-            options = " ".join(VARIANTS.get(name.removeprefix("darp-"), ())) if name.startswith("darp") else ""
-            page += f"| {name} | {options and f'`{options}`'} | {row['minutes']:.1f} | "
+            option = VARIANTS.get(name.removeprefix("darp-"), ("",))[0]
+            page += f"| {name} | {option and f'`{option}`'} | {row['minutes']:.1f} | "
             page += " | ".join(f"{each[0]:+.2f} | {each[1]:+.2f} to {each[2]:+.2f}" for each in row["over"])
             page += f" | {percent(row['gap'], 2)} |\n"
     first = results["local"]
@@ -77,22 +83,16 @@ def main(folder: Path) -> None:
     write_text(DOCS / "ablations.md", head + page)
 
 
-def run(folder: Path, level: str, untrained: str) -> dict[str, object]:
+def run(folder: Path, level: str, untrained: str) -> dict[str, Any]:
     """One level: all variants in one comparison."""
-    models, steps = [], 0
-    default = preset("default", level).n_step  # type: ignore[arg-type]
-    for name, options in VARIANTS.items():
-        if options == ("--n-step", str(default)) or (level == "map" and name not in AT_MAP):
+    problem, models = BUILT_IN[SCENARIO], []
+    default = preset_for(problem, "default", level)  # type: ignore[arg-type]
+    for name, (_, changes) in VARIANTS.items():
+        config = default.changed(**changes)
+        if (name != "default" and config == default) or (level == "map" and name not in AT_MAP):
             continue
-        model = folder / level / name
-        if not (model / "trained.json").exists():
-            command = [sys.executable, "-m", "sidestep", "train", SCENARIO, "--level", level, *options]
-            done = subprocess.run([*command, "--out", str(model), "--json"], check=True, capture_output=True, text=True)
-            write_text(model / "trained.json", done.stdout)
-        if name == "default":
-            steps = json.loads((model / "trained.json").read_text(encoding="utf-8"))["config"]["n_step"]
-        models.append(model)
-    problem = BUILT_IN[SCENARIO]
+        models.append(folder / level / name)
+        trained(models[-1], problem, config, seed=0)
     chosen = choose_planners(problem, [untrained], models=models)
     compared = compare(problem, chosen.factories, maps=[0], walks=problem.walks)
     baselines = [compared.to_json(baseline=baseline)["planners"] for baseline in ("expected", untrained)]
@@ -105,7 +105,7 @@ def run(folder: Path, level: str, untrained: str) -> dict[str, object]:
         for name in chosen.factories
         if name.startswith("darp") or name in (untrained, "expected")
     }
-    return {"walks": problem.walks, "steps": steps, "planners": planners}
+    return {"walks": problem.walks, "steps": default.n_step, "planners": planners}
 
 
 if __name__ == "__main__":

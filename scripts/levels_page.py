@@ -1,22 +1,26 @@
 """Train an agent at every level, compare it with the planners that know as much, and write docs/levels.md.
 
-Usage: python scripts/levels_page.py FOLDER [SCENARIO ...]
+Usage: python scripts/levels_page.py FOLDER [SCENARIO ...] [--walks N]
 
 Models that are in FOLDER already are not trained again, and comparisons that are there are not walked again. The page
-is written when all scenarios have been compared.
+is written when all scenarios have been compared. ``--walks`` takes fewer walks on each map, for a quick look.
 """
 
 import argparse
 import json
-import subprocess
-import sys
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from time import perf_counter
+from typing import Any
 
+from keep_models import trained
+
+from sidestep.agent.checkpoint import load_model
+from sidestep.agent.presets import preset_for
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Row, cells
 from sidestep.files import write_text
+from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import BUILT_IN
 
@@ -43,40 +47,49 @@ CASES = {
 PLANNERS = (
     "shortest-path", "greedy-local", "expected", "greedy-map", "snapshot", "forecast", "clairvoyant",
 )  # fmt: skip
+MARGIN_COLUMNS = ("planner", "minutes", "difference", "difference 95 %", "gap", "arrive")
 COLUMNS = (
     "planner", "knows", "minutes", "median", "90 %", "difference", "difference 95 %", "gap", "arrive",
 )  # fmt: skip
-PAGE = """# Four levels of knowledge
+PAGE = """# Levels of knowledge
+
+This page says what walkers know at each level of knowledge, and how much a trained agent gains over the planners that
+know as much.
 
 ```sh
 python scripts/levels_page.py levels   # trains all agents (folder levels/), walks all comparisons, writes this page
 ```
 
-One algorithm at four levels. Every planner states what it knows and is set beside those that know as much.
+A *level* is what a planner may know. One algorithm, `darp`, learns at each of the four levels below hindsight; every
+other planner states its level and is compared with those of the same level.
 
-| level | the walker sees (`sidestep.environment.types.Observation`) | estimates the time to its destination as | planners of the level |
+| level | what the walker observes (`sidestep.environment.types.Observation`) | its own estimate of the time to the destination | planners of the level |
 |---|---|---|---|
-| `position` | its crossing, x and y in metres, which exits there are | not at all | `random-walk`, `random-progress` |
-| `local` | + the clock, s; where the destination lies, m; of each street that leaves: length, m, the time to cross it at the speed and with the lights seen on it now, s, where it leads, m; how long ago each next crossing was left (it remembers eight) | the time to cross each street as seen now, and a straight line at free speed | `greedy-local` |
-| `map` | + the usual time to cross each street now, s; the expected time to go from each next crossing at the time of reaching it, s | the time to cross as seen now, and the fastest way through the expected crowds | `shortest-path`, `expected`, `greedy-map` |
-| `live` | + the time over each street if all crowds stay as counted now, and if they go on as forecast from the counts, s | the forecast | `snapshot`, `forecast` |
-| hindsight | the future | | `clairvoyant`, the bound |
+| `position` | the crossing, x and y (m), the exits | none | `random-walk`, `random-progress` |
+| `local` | + the clock (s) and the way to the destination (m); for each segment that leaves: its length (m), the time to cross it in the crowd and with the lights seen now (s), where it leads (m), how many steps ago its end was left (eight crossings are remembered) | each segment as seen now, then a straight line at free speed | `greedy-local` |
+| `map` | + for each segment that leaves: its expected time now (s), and the expected time from its end to the destination (s) | each segment as seen now, then the fastest path through the expected crowds | `shortest-path`, `expected`, `greedy-map` |
+| `live` | + for each segment that leaves: the time to the destination if all crowds stay as counted now, and if they go on as forecast (s) | the forecast | `snapshot`, `forecast` |
+| hindsight | the whole future | | `clairvoyant`, which nobody beats |
 
-Beyond `position` the network scores street by street: Q(street) = -estimate + V(state) + A(street) - mean A, with one
-small network for all streets of all crossings. The last layers begin at zero, so an untrained agent walks exactly like
-`greedy-local`, `greedy-map` or `forecast` (a test holds that): what is learned is what is gained over them. Where the
-map is always the same, the agents of the levels `local` and `map` also remember four to eight numbers for each crossing
-and quarter of an hour; then they can walk that map only. `live` and everything that is trained on several maps
-remembers none, and can walk any map.
+Beyond `position` the network scores each segment that leaves: Q = -estimate + V(state) + A(segment) - mean A, with one
+small network for all segments of all crossings. Its last layers begin at zero, so an untrained agent walks exactly like
+`greedy-local`, `greedy-map` or `forecast` (a test holds that), and what is learned is what is gained. Where the map is
+always the same, agents of the levels `local` and `map` also learn four to eight numbers for each crossing and quarter of
+an hour, and can walk that map only. Agents of level `live`, and all that are trained on several maps, can walk any grid.
+[Towns](towns.md) whose crowds are interpolated between counters show walkers more, and need agents of their own.
 
-Times to go are time-dependent potentials ([`environment/potentials.py`](../src/sidestep/environment/potentials.py)):
-one pass by decreasing time for all origins and departures. They are linear within slots of five minutes;
+The time to the destination is worked out backwards in time, for all crossings and hours in one pass
+([`environment/cost_to_go.py`](../src/sidestep/environment/cost_to_go.py)). It is linear within slots of five minutes;
 [the benchmark](../benchmarks/README.md) says how far that is from exact search, and how long the live feed takes.
 
-Agents train on crowds of their own. Those of the walks below come from another random stream (`learn` and `test` are
-part of every key), and the maps of `unseen-maps` from another stream than those trained on. Differences are paired walk
-by walk; intervals are 95 % bootstraps over walks, or over maps where there are several. Walks that have not arrived by
-the horizon count as the horizon. The live feed (snapshots and forecasts of every slot) is worked out before the walks.
+## How agents are trained and compared
+
+Training goes in *rounds*: a fixed number of environment steps, followed by greedy test walks. Agents train on futures of
+their own. The walks below meet other futures, and the maps of `unseen-maps` are others than those trained on. Walks are
+compared one by one with those of the baseline; intervals are 95 % bootstrap intervals over walks, or over maps where
+there are several. A walk that does not arrive by the horizon counts as the horizon. Snapshots and forecasts are worked
+out before the walks. The column *over the clairvoyant* is the *gap*: how much longer the planner takes than the
+clairvoyant, in per cent.
 
 ## Goals
 
@@ -85,7 +98,7 @@ chosen by walks on the map of seed 0; the agents here were trained and walked wi
 
 """
 SEED = 1
-HEAD = "| planner | knows | minutes | median | 90 % in | over `expected` | 95 % | over the clairvoyant | arrive |\n"
+HEAD = "| planner | level | minutes | median | 90 % in | over `expected` | 95 % | over the clairvoyant | arrive |\n"
 HEAD += "|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
 
 
@@ -122,57 +135,69 @@ GOALS = [
 ]
 
 
+MARGINS = {"map": ("greedy-map", 500), "live": ("forecast", 200)}  # level: its planner without training, walks
+DEPLOYED: dict[str, dict[str, Any]] = {
+    "darp": {},
+    "without the margin": {"correction_margin_seconds": 0.0},
+    "without the estimate when revisiting": {"estimate_when_revisiting": False},
+    "without both": {"correction_margin_seconds": 0.0, "estimate_when_revisiting": False},
+}
+MARGINS_TEXT = """
+## Margins in towns
+
+Where crowds are interpolated between counters, streets are short and alike, and what is learned about them is small
+against the walk. Deployed agents therefore leave the level's own estimate only for a correction that saves some seconds
+(`correction_margin_seconds`: {map} s at level `map`, {live} s at level `live`, whose forecasts are nearly exact), and
+follow the estimate where a walk comes back to a crossing (`estimate_when_revisiting`): estimates never lead in circles,
+corrections may. Both are settings of [`TrainConfig`](../src/sidestep/agent/config.py) and options of `train`; training
+itself has no margins, so the agents below are the same network, deployed with and without them. `helsinki`, map 0, seed
+{seed}; differences are minutes over `darp` as deployed.
+
+"""
+
+
 def main() -> None:
     """Train, compare, write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("scenarios", nargs="*", default=list(CASES))
+    parser.add_argument("scenarios", nargs="*", default=[*CASES, "margins"])
+    parser.add_argument("--walks", type=int, help="on each map, instead of each scenario's own number")
     options = parser.parse_args()
     for name in options.scenarios:
-        run(name, CASES[name], options.folder)
-    if all((options.folder / f"{name}.json").exists() for name in CASES):
+        target = options.folder / f"{name}.json"
+        if not target.exists():
+            make = margins if name == "margins" else partial(run, CASES[name])
+            write_text(target, json.dumps(make(options.folder / name, options.walks), indent=2) + "\n")
+    if all((options.folder / f"{name}.json").exists() for name in (*CASES, "margins")):
         write_page(options.folder)
 
 
-def run(name: str, case: Case, folder: Path) -> None:
+def run(case: Case, folder: Path, walks: int | None) -> dict[str, Any]:
     """One scenario: its models, then one comparison of all."""
-    target = folder / f"{name}.json"
-    if target.exists():
-        return
-    models, seconds = [], {}
+    problem, cost = BUILT_IN[case.scenario], {}
     for level in case.levels:
-        model = folder / name / level
-        if not (model / "trained.json").exists():
-            command = [
-                sys.executable,
-                "-m",
-                "sidestep",
-                *training(case, level),
-                "--seed",
-                str(SEED),
-                "--out",
-                str(model),
-                "--json",
-            ]
-            began = perf_counter()
-            trained = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-            trained["process_seconds"] = perf_counter() - began
-            write_text(model / "trained.json", json.dumps(trained))
-        trained = json.loads((model / "trained.json").read_text(encoding="utf-8"))
-        seconds[level] = {key: trained[key] for key in ("process_seconds", "steps_per_second", "updates_per_second")}
-        seconds[level]["rounds"] = len(trained["curve_minutes"])
-        models.append(model)
-    problem = BUILT_IN[case.scenario]
-    chosen = choose_planners(problem, PLANNERS, models=models, seed=SEED)
-    compared = compare(problem, chosen.factories, maps=chosen.map_numbers(), walks=case.walks, seed=SEED)
-    results = {"trained": seconds, **compared.to_json()}
-    results["goals"] = [{**asdict(goal), **judged(goal, compared)} for goal in GOALS if goal.scenario == name]
-    write_text(target, json.dumps(results, indent=2) + "\n")
+        found = trained(folder / level, problem, preset_for(problem, "default", level), SEED)
+        cost[level] = {key: found[key] for key in ("seconds", "steps_per_second", "updates_per_second")}
+        cost[level]["rounds"] = len(found["curve_minutes"])
+    chosen = choose_planners(problem, PLANNERS, models=[folder / level for level in case.levels], seed=SEED)
+    compared = compare(problem, chosen.factories, maps=chosen.map_numbers(), walks=walks or case.walks, seed=SEED)
+    goals = [{**asdict(goal), **judged(goal, compared)} for goal in GOALS if goal.scenario == case.scenario]
+    return {"trained": cost, **compared.to_json(), "goals": goals}
 
 
-def training(case: Case, level: str) -> list[str]:
-    """The command, without its output."""
-    return ["train", case.scenario, "--level", level]
+def margins(folder: Path, walks: int | None) -> dict[str, Any]:
+    """The agents of a town, deployed with and without their margins."""
+    problem, results = BUILT_IN["helsinki"], {}
+    for level, (untrained, most) in MARGINS.items():
+        trained(folder / level, problem, preset_for(problem, "default", level), SEED)
+        model = load_model(folder / level)
+        agents = {name: trained_darp(model.changed(**changes)) for name, changes in DEPLOYED.items()}
+        factories = choose_planners(problem, [untrained]).factories
+        factories |= {name: lambda *_, agent=agent: agent for name, agent in agents.items()}
+        compared = compare(problem, factories, maps=[0], walks=walks or most, seed=SEED)
+        results[level] = compared.to_json(baseline="darp")
+        results[level]["margin"] = model.metadata.config.correction_margin_seconds
+    return results
 
 
 def judged(goal: Goal, compared: object) -> dict[str, object]:
@@ -200,11 +225,12 @@ def write_page(folder: Path) -> None:
             if row.startswith("darp"):
                 rate = measured["arrival_rate"]
                 page += verdict(name, row, "arrival at least 0.999", f"{rate:.4f}", met=rate >= 0.999)
-        slowest = max(cost["process_seconds"] for cost in found["trained"].values())
+        slowest = max(cost["seconds"] for cost in found["trained"].values())
         page += verdict(name, "all", "trained within 120 s", f"at most {slowest:.0f} s", met=slowest <= 120)
     page += "\n## Results\n"
     for name, found in results.items():
         page += section(name, found)
+    page += margins_section(json.loads((folder / "margins.json").read_text(encoding="utf-8")))
     write_text(DOCS / "levels.md", page)
 
 
@@ -213,16 +239,16 @@ def verdict(case: str, row: str, goal: str, found: str, *, met: bool) -> str:
     return f"| {case} | {row} | {goal} | {found} | {'met' if met else '**missed**'} |\n"
 
 
-def section(name: str, found: dict[str, object]) -> str:
+def section(name: str, found: dict[str, Any]) -> str:
     """One scenario's table."""
     maps, walks = found["maps"], found["walks"]
-    case, summary = CASES[name], BUILT_IN[CASES[name].scenario].summary
+    summary = BUILT_IN[CASES[name].scenario].summary
     text = f"\n### {name}\n\n{summary[0].upper()}{summary[1:]}. "
-    text += f"{maps} map{'s' * (maps > 1)}, {walks} walks{' on each' * (maps > 1)}.\n\n"
+    text += f"{maps} map{'s' * (maps > 1)}, {walks:,} walks{' on each' * (maps > 1)}.\n\n"
     for level, cost in found["trained"].items():
         text += (
-            f"`sidestep {' '.join(training(case, level))} --seed {SEED}`: {cost['process_seconds']:.0f} s from process start "
-            f"({cost['rounds']} rounds, {cost['steps_per_second']:,.0f} transitions and "
+            f"`sidestep train {CASES[name].scenario} --level {level} --seed {SEED}`: {cost['seconds']:.0f} s with "
+            f"compiling ({cost['rounds']} rounds, {cost['steps_per_second']:,.0f} transitions and "
             f"{cost['updates_per_second']:,.0f} updates a second).\n\n"
         )
     text += HEAD
@@ -232,6 +258,18 @@ def section(name: str, found: dict[str, object]) -> str:
         if planner.startswith("darp"):
             texts["planner"] = f"**{planner}**"
         text += f"| {' | '.join(texts.values())} |\n"
+    return text
+
+
+def margins_section(found: dict[str, Any]) -> str:
+    """What margins are worth."""
+    text = MARGINS_TEXT.format(seed=SEED, **{level: f"{each['margin']:g}" for level, each in found.items()})
+    text += "| level | walks | agent | minutes | difference | 95 % | over the clairvoyant | arrive |\n"
+    text += "|---|--:|---|--:|--:|--:|--:|--:|\n"
+    for level, each in found.items():
+        for name in (*DEPLOYED, MARGINS[level][0], "expected"):
+            texts = cells(name, each["planners"][name], 1, MARGIN_COLUMNS)
+            text += f"| `{level}` | {each['walks']} | {' | '.join(texts.values())} |\n"
     return text
 
 
