@@ -137,7 +137,7 @@ file = "made.npz"
     assert not problem.sensed
     assert isinstance(draw_map(problem, 0).flow, TableFlow)
     # Of 16 crossings one is where a walk begins and one is spared.
-    assert preset_for(problem, "default").goals == 14
+    assert preset_for(problem, "default").destinations == 14
     file.write_text(text.replace("[counts]", "[counts]\nplaces = 3"))
     with pytest.raises(ScenarioError, match=r"tabled.toml: line 9: .*places means nothing to a table of crowds"):
         load_scenario(file)
