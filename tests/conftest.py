@@ -1,6 +1,13 @@
 """Types and shapes checked at run time; one Hypothesis profile; the smallest networks."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+# All processes of a run share what they compile, and so do runs. Before anything imports JAX.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
 import beartype.typing  # noqa: F401 # for the hook below
 import jax
@@ -30,6 +37,13 @@ settings.load_profile("sidestep")
 MakeField = Callable[..., SpeedField]
 MakeParams = Callable[..., EnvParams]
 MakeInstance = Callable[..., Instance]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def bounded_memory() -> Iterator[None]:
+    """Compiled programs take gigabytes in the end; modules share few of them."""
+    yield
+    jax.clear_caches()
 
 
 @pytest.fixture(scope="session")

@@ -74,6 +74,11 @@ def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str,
         Learning curves by preset.
     lines
         Mean minutes by planner.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
     """
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
@@ -118,6 +123,11 @@ def crowded_map(
         Persons on each segment at the departure.
     routes
         One route by each planner.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
     """
     network = params.network
     figure = Figure(figsize=(8.5, 7.5), layout="constrained")
@@ -246,6 +256,11 @@ def trade_off_curve(title: str, caption: str, curves: Mapping[str, Sequence[Trad
         Texts above and below the picture.
     curves
         By planner: one point for each weight of exposure.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
     """
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.subplots()

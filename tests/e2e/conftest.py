@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -24,19 +24,14 @@ class Done:
 
 
 @pytest.fixture(scope="session")
-def environ(tmp_path_factory) -> Iterator[dict[str, str]]:
-    """One compilation cache for all commands of a run, and none of the user's."""
-    cache = {"JAX_COMPILATION_CACHE_DIR": os.environ.get("JAX_COMPILATION_CACHE_DIR", "")}
-    cache["JAX_COMPILATION_CACHE_DIR"] = cache["JAX_COMPILATION_CACHE_DIR"] or str(tmp_path_factory.mktemp("cache"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", cache["JAX_COMPILATION_CACHE_DIR"])
-        yield {**os.environ, "COLUMNS": "200"}
+def environ() -> dict[str, str]:
+    """For processes: a wide terminal, and the run's compiled programs."""
+    return {**os.environ, "COLUMNS": "200"}
 
 
 @pytest.fixture(scope="session")
-def sidestep(environ) -> Callable[..., Done]:
+def sidestep() -> Callable[..., Done]:
     """Run a command in this process, where compiled programs serve again."""
-    assert "JAX_COMPILATION_CACHE_DIR" in environ
 
     def run(*args: object, cwd: Path | None = None) -> Done:
         out, err = StringIO(), StringIO()

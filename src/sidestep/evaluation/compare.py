@@ -83,6 +83,11 @@ class Comparison:
         baseline
             The planner that the others' minutes are set against.
 
+        Returns
+        -------
+        Results
+            Plain numbers and texts.
+
         Raises
         ------
         PlannerError

@@ -45,7 +45,20 @@ class Record:
 
 
 def join_records(records: Sequence[Record], join: Callable[[list[np.ndarray]], np.ndarray]) -> Record:
-    """Join the walks of one planner's records into one record, array by array."""
+    """Join the walks of one planner's records.
+
+    Parameters
+    ----------
+    records
+        Of one planner, all under the same objective.
+    join
+        Joins arrays, one of each record.
+
+    Returns
+    -------
+    Record
+        All walks; decisions take the median of the records' times.
+    """
     first, times = records[0], [record.decision_us for record in records if record.decision_us is not None]
     return Record(
         first.level,
@@ -224,7 +237,20 @@ class Spread(TypedDict):
 
 
 def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None) -> Spread:
-    """Find the median, the 90 % quantile, and the share of walks that arrive within ``by`` minutes."""
+    """Describe how much single walks differ.
+
+    Parameters
+    ----------
+    minutes, arrived
+        Travel times, and which walks arrived.
+    by
+        Minutes to arrive within; None if nobody asks.
+
+    Returns
+    -------
+    Spread
+        Median, 90 % quantile, and the share that arrives in time.
+    """
     return {
         "median_minutes": float(np.median(minutes)),
         "p90_minutes": float(np.quantile(minutes, 0.9)),
@@ -277,7 +303,20 @@ def cells(name: str, row: Row, maps: int, columns: Iterable[str] = PAPER_COLUMNS
 
 
 def markdown_table(rows: Mapping[str, Row], maps: int, columns: Sequence[str] = PAPER_COLUMNS) -> str:
-    """Format rows as a table in Markdown; the arguments are those of :func:`cells`."""
+    """Format rows as a table in Markdown.
+
+    Parameters
+    ----------
+    rows
+        By planner.
+    maps, columns
+        As for :func:`cells`.
+
+    Returns
+    -------
+    str
+        The table's lines.
+    """
     lines = [
         [HEADINGS[column] for column in columns],
         ["---" if column in TEXT_COLUMNS else "--:" for column in columns],

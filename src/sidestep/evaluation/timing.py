@@ -28,6 +28,11 @@ def decision_us(
         that planning compiles.
     decisions
         Number of decisions that all walks took together.
+
+    Returns
+    -------
+    float
+        Microseconds.
     """
     began = perf_counter()
     jax.tree.map(np.asarray, planner.plan(params, instances).own)  # waits until it is there

@@ -51,6 +51,11 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
         Seed of the map, the crowds and the training.
     on_round
         Called after every round of training.
+
+    Returns
+    -------
+    Demonstration
+        The comparison, the agent, and where the picture lies.
     """
     problem = scenario(SCENARIO)
     scenario_map = draw_map(problem, seed)

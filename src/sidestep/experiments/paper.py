@@ -157,6 +157,11 @@ def reproduce(
         Called with the condition as each map is done.
     rule
         How crossing times follow from densities.
+
+    Returns
+    -------
+    Reproduction
+        Everything that was written.
     """
     conditions = {}
     for flows in FLOWS:

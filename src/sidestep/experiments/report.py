@@ -50,6 +50,11 @@ def claims(results: Mapping[str, Results], literal_steps: int) -> list[Claim]:
         Comparisons by condition. The paper's flows are forecasts, so its numbers are judged by these conditions.
     literal_steps
         Number of steps that the ``paper`` preset learned on each map.
+
+    Returns
+    -------
+    list of Claim
+        In the order of the paper.
     """
     free, jam = results["unblocked_forecast"]["planners"], results["congested_forecast"]["planners"]
     noisy = results["congested"]["planners"]
@@ -146,6 +151,11 @@ def html(results: Mapping[str, Results], claims: Sequence[Claim], pictures: Mapp
         The paper's claims, judged.
     pictures
         Files of the learning curves by condition.
+
+    Returns
+    -------
+    str
+        The file's text; pictures are part of it.
     """
     first = next(iter(results.values()))
     sections = "".join(_section(key, compared, pictures[key]) for key, compared in results.items())

@@ -112,6 +112,11 @@ def trade_off(
     on_weight
         Called as each weight is done.
 
+    Returns
+    -------
+    TradeOff
+        One curve for each planner.
+
     Raises
     ------
     SidestepError

@@ -130,6 +130,11 @@ def _add(source: object, use: str = "") -> str:
 def planner_infos() -> dict[str, PlannerInfo]:
     """List all planners: Sidestep's, registered ones, and those of installed packages.
 
+    Returns
+    -------
+    dict of PlannerInfo
+        By name.
+
     Raises
     ------
     PlannerError
@@ -172,6 +177,11 @@ def find_planner(name: str) -> Planner:
     name
         The planner's name, or its place as ``module:name``.
 
+    Returns
+    -------
+    Planner
+        Ready to plan and walk.
+
     Raises
     ------
     PlannerError
@@ -210,6 +220,11 @@ class Lineup:
         ----------
         maps
             How many; None leaves it to the scenario.
+
+        Returns
+        -------
+        list of int
+            Numbers for :func:`sidestep.compare`.
 
         Raises
         ------
@@ -255,6 +270,11 @@ def choose_planners(
         How planners that learn are trained: seed of map and training, what the agent observes, and the way to learn.
     destinations
         Number of destinations that walks go to.
+
+    Returns
+    -------
+    Lineup
+        The planners, and the maps that they can walk.
 
     Raises
     ------
