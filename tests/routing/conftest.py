@@ -8,7 +8,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from sidestep.crowds.crowd_table import read_table, save_crowd_table
+from sidestep.crowds.crowd_table import save_crowd_table
+from sidestep.crowds.table_reader import read_table
 from sidestep.network.formats import save_town
 from sidestep.network.town import Town
 from sidestep.routing.plan import RoutePlan
