@@ -1,4 +1,4 @@
-"""Routes in words: where to turn, onto which street, through how dense a crowd."""
+"""Routes in words: where to turn, onto which street, and how dense the crowd is."""
 
 import math
 from collections.abc import Sequence

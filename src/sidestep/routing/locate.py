@@ -43,7 +43,7 @@ OnMap = tuple[list[Leg], list[Step] | None, StreetMap | None]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LocatedRequest:
-    """A request with all that a planner needs to know; on a grid, unless it is a :class:`TownRequest`."""
+    """A request with all that a planner needs to know; on a grid unless it is a :class:`TownRequest`."""
 
     request: RouteRequest
     facts: RequestFacts
@@ -96,7 +96,7 @@ def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteReq
     """A function that finds the ends of requests, and the crowds at the departure, on one map of a scenario.
 
     It raises a :class:`SidestepError`, whose ``field`` names the field of the request, for nodes that do not exist,
-    places outside the town, ends that no way connects, and departures and live counts for which crowds are not known.
+    places outside the town, ends that no path connects, and departures and live counts without known crowds.
     """
     match scenario.place:
         case Grid():
@@ -225,12 +225,18 @@ class TownLocator:
                 found.append(place if isinstance(place, int) else self._snapper.nearest(*place))
         streets = padded(split_streets(town, found))
         origin, destination = map(self._end, streets.nodes, found, (place for _, place in asked))
-        network, way = streets.network, f"{origin.asked} to {destination.asked}"
+        network = streets.network
         if origin.node == destination.node:
-            raise RouteError(f"{way} is no way: both are the same place on these streets", field="destination")
+            raise RouteError(
+                f"{origin.asked} and {destination.asked} are the same place on these streets; choose two",
+                field="destination",
+            )
         away = distances_to(network, np.asarray(network.length), destination.node)
         if not math.isfinite(away[origin.node]):
-            raise RouteError(f"no way leads from {way}; streets may be one-way or unconnected", field="destination")
+            raise RouteError(
+                f"no path leads from {origin.asked} to {destination.asked}; streets may be one-way or unconnected",
+                field="destination",
+            )
         return streets, origin, destination
 
     def _end(self, node: int, found: int | StreetPoint, asked: Place) -> End:

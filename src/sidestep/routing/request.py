@@ -1,4 +1,4 @@
-"""What is asked for: from where to where, when, and by which planner; and how people write that."""
+"""Requests for routes, and how people write them."""
 
 import math
 import re
@@ -22,7 +22,7 @@ _NODE = re.compile(r"\s*[-+]?\d{1,18}\s*", re.ASCII)
 
 
 class RouteError(SidestepError):
-    """A route that nobody can plan. ``field`` names the field of the request at fault."""
+    """A request that no plan can answer; ``field`` names the field at fault."""
 
 
 @contextmanager
@@ -37,7 +37,7 @@ def at_fault(field: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class RouteRequest:
-    """A route that is asked for.
+    """A route to plan: its ends, its departure, and the planner.
 
     Raises
     ------
@@ -59,8 +59,8 @@ class RouteRequest:
     """Where it ends; by default the last node."""
 
     depart: datetime | float | None = None
-    """Departure: local wall time in towns, minutes after the scenario's start on grids. By default the first hour at
-    which people usually set out, or the start."""
+    """Local wall time in towns, minutes after the scenario's start on grids; by default the first hour at which people
+    usually set out, or the start."""
 
     planner: str | Planner | None = None
     """Who plans, by name or as an object; by default ``darp`` where a model was loaded, otherwise ``expected``."""
@@ -69,10 +69,11 @@ class RouteRequest:
     """Minutes after the departure; the plan then says how likely the walk arrives within them."""
 
     futures: int | None = None
-    """How many futures to simulate; by default as many as give stable quantiles in a few seconds."""
+    """Number of futures to simulate; by default 200, in towns 20 for planners that see all counts, and 1 where all
+    futures are alike."""
 
     live: CountTable | Path | str | None = None
-    """Current counts, or the CSV file that has them, from which crowds go on; in towns with counters."""
+    """Current counts, or their CSV file, from which crowds go on; only where crowds are known from sensors."""
 
     def __post_init__(self) -> None:
         if self.by is not None and not (math.isfinite(self.by) and self.by > 0):

@@ -19,10 +19,10 @@ from sidestep.scenarios.reader import find_scenario
 class Router:
     """A place, loaded once, through which many routes are planned.
 
-    Streets, crowds and a model are read when the router is made; programs are compiled for the first route and serve
-    the next ones. A program is compiled anew for another planner, another number of futures, other kinds of what is
-    known (current counts or none), and, for planners that see all counts, where the walk takes more than twice as long.
-    Several threads may plan with one router at a time.
+    Streets, crowds and a model are read when the router is made. The first route compiles programs, and the next ones
+    reuse them, whatever their ends and departures. Programs are compiled anew for another planner, for another number
+    of futures, for the first request with live counts, and, for planners that see all counts, for walks more than
+    twice as long as those before. Several threads may share a router.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
     Raises
     ------
     RouteError
-        A departure so late that the crowds on the way are not known (field ``depart``).
+        A departure so late that the crowds of the walk are not known (field ``depart``).
     """
     by, by_default = located.facts.by_minutes, located.futures
     if planner.observes == "live":
@@ -180,8 +180,8 @@ class _Walker:
     ) -> T:
         """The result of a walk whose planner sees what its level allows.
 
-        Planners that see all counts are shown those of the first slots, enough for about so many ``seconds``, and of
-        more if the walk, which also returns its seconds, takes longer.
+        Planners that see all counts are shown those of the first slots: enough for a walk of ``seconds``, and more if
+        ``walk``, which returns a result and its seconds, takes longer.
         """
         scenario, departure = self.located.scenario, self.located.clock
         if planner.observes != "live":
