@@ -87,7 +87,7 @@ class SpeedField(eqx.Module):
         return jax.tree.map(lambda leaf: leaf[:futures, :, :slots], self)
 
     def replaced(self, speeds: Any, index: Int[Array, " new"]) -> "SpeedField":
-        """The same with the futures of these numbers replaced by those of other ``speeds`` of the same kind."""
+        """The same with the futures of these numbers replaced by those of other, similar ``speeds``."""
         return jax.tree.map(lambda old, new: old.at[index].set(new), self, speeds)
 
     def field(self, network: RoadNetwork) -> FlowField:
@@ -176,8 +176,9 @@ def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densit
 
 def dense_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> SpeedField:
     """The same, worked out on all segments; crowds may have any leading axes, or none."""
-    density = jnp.swapaxes(crowds.density(network), -1, -2)
-    return speed_field(law.speed(density), crowds.slot_seconds, density if densities else None)
+    density = crowds.density(network)
+    speed = jnp.swapaxes(law.speed(density), -1, -2)
+    return speed_field(speed, crowds.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)
 
 
 def speed_field(
