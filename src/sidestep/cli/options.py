@@ -2,10 +2,8 @@
 
 import math
 import os
-from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
 from functools import partial
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,7 +12,7 @@ from cyclopts import Parameter
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from cyclopts import Token
 
@@ -142,15 +140,3 @@ def start_jax() -> None:
         settings["jax_compilation_cache_dir"] = str(Path(home) / "sidestep" / "jax")
     for name, value in settings.items():
         jax.config.update(name, value)  # type: ignore[no-untyped-call]
-
-
-def hand_over(out: Path | None, show: "Callable[[], None]") -> None:
-    """Print, or write the same text to a file, whole or not at all."""
-    from sidestep.files import write_text
-
-    if out is None:
-        show()
-        return
-    with redirect_stdout(StringIO()) as text:
-        show()
-    write_text(out, text.getvalue())

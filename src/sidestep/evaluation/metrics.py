@@ -70,39 +70,20 @@ def join_records(records: Sequence[Record], join: Callable[[list[np.ndarray]], n
     )
 
 
-HEADINGS = {
-    "planner": "planner",
-    "knows": "knows",
-    "cost": "cost",
-    "minutes": "minutes",
-    "minutes 95 %": "95 %",
-    "exposure": "exposure",
-    "metres": "metres",
-    "too dense": "too dense",
-    "median": "median",
-    "90 %": "90 % in",
-    "in time": "in time",
-    "saved": "saved",
-    "best map": "best map",
-    "difference": "over `expected`",
-    "difference 95 %": "95 %",
-    "gap": "over the clairvoyant",
-    "gap 95 %": "95 %",
-    "arrive": "arrive",
-    "µs a decision": "µs/decision",
-}
-"""Columns of tables, in their usual order, and what is written above them."""
+class Spread(TypedDict):
+    """How much single walks differ."""
 
-TEXT_COLUMNS = ("planner", "knows")
-"""Columns that hold text; all others hold numbers."""
+    median_minutes: float
+    """Median of single walks."""
 
-PAPER_COLUMNS = (
-    "planner", "knows", "minutes", "minutes 95 %", "saved", "best map", "gap", "gap 95 %", "arrive",
-)  # fmt: skip
-"""Columns of the tables about the paper."""
+    p90_minutes: float
+    """Minutes within which nine walks in ten are done."""
+
+    arrive_by: float | None
+    """Share of the walks that arrive within the minutes asked about."""
 
 
-class Row(TypedDict):
+class Row(Spread):
     """One planner in ``results.json``. Intervals are 95 % and [low, high]; rates, savings and gaps are fractions.
 
     With an objective, savings, gaps, regrets and differences are those of costs.
@@ -128,15 +109,6 @@ class Row(TypedDict):
     """Mean less that of ``clairvoyant``: the same distance, in minutes."""
 
     arrival_rate: float
-
-    median_minutes: float
-    """Median of single walks."""
-
-    p90_minutes: float
-    """Minutes within which nine walks in ten are done."""
-
-    arrive_by: float | None
-    """Share of the walks that arrive within the minutes asked about."""
 
     difference_minutes: float
     """Mean less that of the baseline, by default ``expected``: below zero where faster."""
@@ -228,14 +200,6 @@ def _row(
     return row
 
 
-class Spread(TypedDict):
-    """How much single walks differ."""
-
-    median_minutes: float
-    p90_minutes: float
-    arrive_by: float | None
-
-
 def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None) -> Spread:
     """Describe how much single walks differ.
 
@@ -258,6 +222,46 @@ def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*wal
     }
 
 
+def percent(share: float, digits: int = 1) -> str:
+    """Format a share in per cent."""
+    return f"{100 * share:.{digits}f} %"
+
+
+_COLUMNS: dict[str, tuple[str, Callable[[Row], str]]] = {
+    "planner": ("planner", lambda _row: ""),
+    "knows": ("knows", lambda row: row["level"]),
+    "cost": ("cost", lambda row: f"{row.get('mean_cost_minutes', row['mean_minutes']):.1f}"),
+    "minutes": ("minutes", lambda row: f"{row['mean_minutes']:.1f}"),
+    "minutes 95 %": ("95 %", lambda row: "{:.1f} to {:.1f}".format(*row["ci95"])),
+    "exposure": ("exposure", lambda row: f"{row.get('mean_exposure', math.nan):,.0f}"),
+    "metres": ("metres", lambda row: f"{row.get('mean_metres', math.nan):,.0f}"),
+    "too dense": ("too dense", lambda row: f"{row.get('mean_too_dense', math.nan):.2f}"),
+    "median": ("median", lambda row: f"{row['median_minutes']:.1f}"),
+    "90 %": ("90 % in", lambda row: f"{row['p90_minutes']:.1f}"),
+    "in time": ("in time", lambda row: "" if row["arrive_by"] is None else percent(row["arrive_by"])),
+    "saved": ("saved", lambda row: percent(row["saving_vs_shortest_path"])),
+    "best map": ("best map", lambda row: percent(row["best_saving"])),
+    "difference": ("over `expected`", lambda row: f"{row['difference_minutes']:+.2f}"),
+    "difference 95 %": ("95 %", lambda row: "{:+.2f} to {:+.2f}".format(*row["difference_ci95"])),
+    "gap": ("over the clairvoyant", lambda row: percent(row["gap"], 2)),
+    "gap 95 %": ("95 %", lambda row: "{:.2f} to {:.2f}".format(*(100 * bound for bound in row["gap_ci95"]))),
+    "arrive": ("arrive", lambda row: percent(row["arrival_rate"])),
+    "µs a decision": ("µs/decision", lambda row: f"{row.get('decision_us', math.nan):,.1f}"),
+}
+"""What is written above each column, and how a row's cell in it; a planner's name stands outside its row."""
+
+HEADINGS = {column: heading for column, (heading, _) in _COLUMNS.items()}
+"""Columns of tables, in their usual order, and what is written above them."""
+
+TEXT_COLUMNS = ("planner", "knows")
+"""Columns that hold text; all others hold numbers."""
+
+PAPER_COLUMNS = (
+    "planner", "knows", "minutes", "minutes 95 %", "saved", "best map", "gap", "gap 95 %", "arrive",
+)  # fmt: skip
+"""Columns of the tables about the paper."""
+
+
 def cells(name: str, row: Row, maps: int, columns: Iterable[str] = PAPER_COLUMNS) -> dict[str, str]:
     """Format one planner's row for people.
 
@@ -275,31 +279,8 @@ def cells(name: str, row: Row, maps: int, columns: Iterable[str] = PAPER_COLUMNS
     dict of str
         Texts by column.
     """
-    low, high = row["ci95"]
-    gap_low, gap_high = row["gap_ci95"]
-    less, more = row["difference_ci95"]
-    every = {
-        "planner": name if row["maps"] == maps else f"{name} ({row['maps']} maps)",
-        "knows": row["level"],
-        "minutes": f"{row['mean_minutes']:.1f}",
-        "minutes 95 %": f"{low:.1f} to {high:.1f}",
-        "median": f"{row['median_minutes']:.1f}",
-        "90 %": f"{row['p90_minutes']:.1f}",
-        "in time": "" if row["arrive_by"] is None else percent(row["arrive_by"]),
-        "cost": f"{row.get('mean_cost_minutes', row['mean_minutes']):.1f}",
-        "exposure": f"{row.get('mean_exposure', math.nan):,.0f}",
-        "metres": f"{row.get('mean_metres', math.nan):,.0f}",
-        "too dense": f"{row.get('mean_too_dense', math.nan):.2f}",
-        "saved": percent(row["saving_vs_shortest_path"]),
-        "best map": percent(row["best_saving"]),
-        "difference": f"{row['difference_minutes']:+.2f}",
-        "difference 95 %": f"{less:+.2f} to {more:+.2f}",
-        "gap": percent(row["gap"], 2),
-        "gap 95 %": f"{100 * gap_low:.2f} to {100 * gap_high:.2f}",
-        "arrive": percent(row["arrival_rate"]),
-        "µs a decision": f"{row.get('decision_us', math.nan):,.1f}",
-    }
-    return {column: every[column] for column in columns}
+    planner = name if row["maps"] == maps else f"{name} ({row['maps']} maps)"
+    return {column: planner if column == "planner" else _COLUMNS[column][1](row) for column in columns}
 
 
 def markdown_table(rows: Mapping[str, Row], maps: int, columns: Sequence[str] = PAPER_COLUMNS) -> str:
@@ -323,11 +304,6 @@ def markdown_table(rows: Mapping[str, Row], maps: int, columns: Sequence[str] = 
         *(list(cells(name, row, maps, columns).values()) for name, row in rows.items()),
     ]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
-def percent(share: float, digits: int = 1) -> str:
-    """Format a share in per cent."""
-    return f"{100 * share:.{digits}f} %"
 
 
 def _units(minutes: Float[np.ndarray, "map walk"]) -> Float[np.ndarray, " unit"]:
