@@ -68,10 +68,11 @@ def test_reports_every_round(straight: Straight) -> None:
 def test_json_is_what_the_command_line_prints(straight: Straight) -> None:
     found = straight.run.to_json()
     assert list(found) == [
-        "scenario", "seed", "map", "level", "config", "seconds", "steps_per_second", "updates_per_second",
+        "scenario", "seed", "map", "synthetic", "level", "config", "seconds", "steps_per_second", "updates_per_second",
         "curve_minutes", "best_minutes", "model",
     ]  # fmt: skip
     assert (found["scenario"]["name"], found["seed"], found["map"], found["level"]) == ("rush-16", 4, 2, "local")
+    assert found["synthetic"] == PROBLEM.place.synthetic != ""
     assert found["config"]["hidden"] == [8]
     assert found["curve_minutes"] == pytest.approx([np.mean(walks) for walks in straight.curves[-1]])
     assert found["model"] == str(straight.run.folder)

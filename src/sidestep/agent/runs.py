@@ -64,6 +64,7 @@ class TrainingRun:
             "scenario": known["scenario"],
             "seed": known["seed"],
             "map": known["map"],
+            "synthetic": self.metadata.scenario.place.synthetic,
             "level": known["config"]["level"],
             "config": known["config"],
             "seconds": self.seconds,

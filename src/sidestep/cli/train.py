@@ -105,7 +105,8 @@ def show_run(scenario: str, run: "TrainingRun") -> None:
         f"{config.round_steps:,} transitions in {run.seconds:.1f} s ({run.steps_per_second:,.0f} transitions/s, "
         f"{run.updates_per_second:,.0f} updates/s)"
     )
-    print(metadata.scenario.summary, end="\n" if metadata.scenario.summary else "")
+    for said in filter(None, (metadata.scenario.summary, metadata.scenario.place.synthetic)):
+        print(said)
     first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
     unit = "min" if metadata.scenario.objective.is_time else "min of cost"
     print(f"greedy test walks: {first:.1f} {unit} after the first round, {last:.1f} after the last, ", end="")
