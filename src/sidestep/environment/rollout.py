@@ -1,6 +1,7 @@
 """Whole walks: a decision rule applied from origin to destination."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -33,19 +34,7 @@ class Walk(eqx.Module):
     """Clock in s at which each of them was left; after the last, when that was left."""
 
 
-class _Totals(eqx.Module):
-    cost: Float[Array, ""]
-    measures: dict[str, Float[Array, ""]]
-
-
-class _Carry(eqx.Module):
-    over: Bool[Array, ""]
-    arrived: Bool[Array, ""]
-    state: EnvState
-    observation: Observation
-    totals: _Totals
-    segments: Int[Array, " trace"]
-    clocks: Float[Array, " trace"]
+_Carry = tuple[EnvState, Observation, Bool[Array, ""], Walk]  # the third: whether the walk is over
 
 
 def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, ""], trace: int = 0) -> Walk:
@@ -61,31 +50,34 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
         Random key of the walk.
     trace
         Number of segments to remember.
+
+    Returns
+    -------
+    Walk
+        How it went.
     """
     start, observation = reset(params, instance)
     there, nothing = instance.origin == instance.destination, jnp.float32(0)
-    totals = _Totals(nothing, dict.fromkeys(params.objective.measures, nothing))
+    measures = dict.fromkeys(params.objective.measures, nothing)
     segments, clocks = jnp.full(trace, ABSENT, jnp.int32), jnp.full(trace, instance.departure)
 
     def onward(carry: _Carry) -> _Carry:
-        number = carry.state.steps
-        state, outcome = step(params, carry.state, decide(carry.observation, jax.random.fold_in(key, number)))
-        crossed = _Totals(outcome.crossed.cost, outcome.crossed.measures)
-        return _Carry(
-            outcome.terminated | outcome.truncated,
+        before, observation, _, so_far = carry
+        state, outcome = step(params, before, decide(observation, jax.random.fold_in(key, before.steps)))
+        walked = Walk(
+            state.clock - instance.departure,
             outcome.terminated,
-            state,
-            outcome.observation,
-            jax.tree.map(jnp.add, carry.totals, crossed),
-            jnp.where(jnp.arange(trace) == number, outcome.segment, carry.segments),
-            jnp.where(jnp.arange(trace) >= number, state.clock, carry.clocks),
+            state.steps,
+            so_far.cost + outcome.crossed.cost,
+            jax.tree.map(jnp.add, so_far.measures, outcome.crossed.measures),
+            jnp.where(jnp.arange(trace) == before.steps, outcome.segment, so_far.segments),
+            jnp.where(jnp.arange(trace) >= before.steps, state.clock, so_far.clocks),
         )
+        return state, outcome.observation, outcome.terminated | outcome.truncated, walked
 
-    end = jax.lax.while_loop(
-        lambda carry: ~carry.over, onward, _Carry(there, there, start, observation, totals, segments, clocks)
-    )
+    begun = Walk(nothing, there, start.steps, nothing, measures, segments, clocks)
+    *_, end = jax.lax.while_loop(lambda carry: ~carry[2], onward, (start, observation, there, begun))
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
-    elapsed = jnp.minimum(end.state.clock - instance.departure, params.horizon)
-    seconds = jnp.where(end.arrived, elapsed, params.horizon)
-    cost = params.objective.walk_cost(end.totals.cost, seconds, end.arrived, params.horizon)
-    return Walk(seconds, end.arrived, end.state.steps, cost, end.totals.measures, end.segments, end.clocks)
+    seconds = jnp.where(end.arrived, jnp.minimum(end.seconds, params.horizon), params.horizon)
+    cost = params.objective.walk_cost(end.cost, seconds, end.arrived, params.horizon)
+    return replace(end, seconds=seconds, cost=cost)

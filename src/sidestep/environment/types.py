@@ -77,19 +77,15 @@ class Futures(eqx.Module):
 
     def first(self, futures: int | None = None, slots: int | None = None) -> "Futures":
         """The first futures in the first slots; None: all of them."""
-        destination, hour, phase, costs = jax.tree.map(lambda leaf: leaf[:futures], self._beside_speeds)
-        costs = jax.tree.map(lambda leaf: leaf[:, :slots], costs)
+        destination, hour, phase = self.destination[:futures], self.hour[:futures], self.phase[:futures]
+        costs = jax.tree.map(lambda leaf: leaf[:futures, :slots], self.cost_to_go)
         return Futures(self.speeds.first(futures, slots), destination, hour, phase, costs)
 
     def replaced(self, futures: "Futures", index: Int[Array, " new"]) -> "Futures":
         """The same with the futures of these numbers replaced by others."""
-        old, new = self._beside_speeds, futures._beside_speeds  # noqa: SLF001
+        old, new = ((each.destination, each.hour, each.phase, each.cost_to_go) for each in (self, futures))
         rest = jax.tree.map(lambda before, after: before.at[index].set(after), old, new)
         return Futures(self.speeds.replaced(futures.speeds, index), *rest)
-
-    @property
-    def _beside_speeds(self) -> tuple[Array, Array, Array, LiveCostToGo | None]:
-        return self.destination, self.hour, self.phase, self.cost_to_go
 
 
 Meant = tuple[Int[Array, " future"], Float[Array, " future"], Float[Array, " future"]]
@@ -105,6 +101,11 @@ def destinations_in_turn(futures: int, hours: Float[Array, " destination"]) -> M
         How many.
     hours
         Hour of the week at which walks to each destination set out.
+
+    Returns
+    -------
+    Meant
+        Of each future.
     """
     destination = jnp.arange(futures) % hours.shape[0]
     return destination, hours[destination], light_phases(futures)
