@@ -13,7 +13,7 @@ import pytest
 from sidestep.agent.policy import Policy
 from sidestep.agent.segment_network import Places, SegmentQNetwork, segment_network
 from sidestep.environment.dynamics import reset
-from sidestep.environment.observation import at_level, observe
+from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import routes
@@ -77,7 +77,7 @@ def sights(rush) -> dict[str, Observation]:
     instance = Instance(node, jnp.full(len(node), params.network.nodes - 1), clock, node % params.futures.count)
     recent_nodes = jnp.stack([(node + 1) % params.network.nodes, *[jnp.full(len(node), -1)] * 7], axis=1)
     states = jax.vmap(EnvState)(node, clock, instance, recent_nodes, jnp.zeros_like(node))
-    return {level: jax.jit(jax.vmap(partial(observe, at_level(params, level))))(states) for level in LEVELS}
+    return {level: jax.jit(jax.vmap(partial(observe, replace(params, level=level))))(states) for level in LEVELS}
 
 
 @eqx.filter_jit
@@ -146,7 +146,7 @@ def test_without_potential_it_does_not(rush) -> None:
 
 def test_level_position_has_no_streets_to_score(rush) -> None:
     params = rush[2]
-    _, seen = reset(at_level(params, "position"), Instance(*map(jnp.int32, (0, 15)), jnp.float32(0), jnp.int32(0)))
+    _, seen = reset(replace(params, level="position"), Instance(*map(jnp.int32, (0, 15)), jnp.float32(0), jnp.int32(0)))
     with pytest.raises(ValueError, match="from level local on"):
         fresh(params.network, "local")(seen)
 
@@ -280,7 +280,7 @@ def test_places_are_linear_in_time(node: int, clock: float, numbers: list[float]
 
 
 def test_places_are_remembered_where_streets_lead_and_when(rush) -> None:
-    params = at_level(rush[2], "local")
+    params = replace(rush[2], level="local")
     network = fresh(rush[2].network, "local", dueling=False, potential=False)
     # Node 1 costs a unit in the bin at 1,800 s, and nothing at 0 and at 3,600 s.
     network = eqx.tree_at(lambda net: net.places.table, network, network.places.table.at[1, 1, 0].set(1.0))

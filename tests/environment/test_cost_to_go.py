@@ -16,6 +16,7 @@ from sidestep.network.grid import grid_network
 from sidestep.planners.shortest_path import distances_to
 from sidestep.planners.time_dependent import earliest_arrivals
 from sidestep.walking.crossing_time import CrossingRule
+from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import SpeedField, speed_field
 
 NODES, SEGMENTS, SLOTS, SLOT_SECONDS = 6, 14, 4, 100.0
@@ -123,11 +124,11 @@ def test_what_comes_after_the_last_slot() -> None:
     network, destination, later = line(150, 150), ends(3, 2), jnp.array([1000.0, 500, 0])
     # From node 1 150 s. From node 0 half a slot, to between 150 s now and 500 s later: 150 + 325.
     seconds = jnp.array([[150.0, 150]])
-    found = cost_to_go(network, seconds, seconds, 300.0, destination, later)
+    found = cost_to_go(network, Crossing(seconds, seconds, {}), 300.0, destination, later)
     np.testing.assert_allclose(found, [[475, 150, 0]], atol=CLOSE)
     # Two slots: after the last of them it is 500 s from node 1.
     seconds = jnp.array([[600.0, 150]])
-    found = cost_to_go(network, seconds, seconds, 300.0, destination, later)
+    found = cost_to_go(network, Crossing(seconds, seconds, {}), 300.0, destination, later)
     np.testing.assert_allclose(found, [[1100, 150, 0]], atol=CLOSE)
 
 

@@ -12,7 +12,7 @@ from sidestep.crowds.base import SensedField
 from sidestep.crowds.interpolation import InterpolationWeights, interpolation_weights
 from sidestep.environment.cost_to_go import Ahead, check_known, expected_cost_to_go, live_cost_to_go
 from sidestep.environment.dynamics import reset, step
-from sidestep.environment.observation import EMPTY, at_level, observe
+from sidestep.environment.observation import EMPTY, observe
 from sidestep.environment.rollout import Walk, walk
 from sidestep.environment.types import (
     DENSITY_SCALE,
@@ -86,7 +86,7 @@ def see(
     params: EnvParams, node: int, clock: float, future: int = 0, destination: int = 3, level: str | None = None
 ) -> Observation:
     state, _ = reset(params, Instance(*map(jnp.int32, (node, destination)), jnp.float32(clock), jnp.int32(future)))
-    return observe(params if level is None else at_level(params, level), state)
+    return observe(params if level is None else replace(params, level=level), state)
 
 
 # --- Position -------------------------------------------------------------------------------------------------------
@@ -140,7 +140,7 @@ def walked(params: EnvParams, *actions: int) -> EnvState:
 
 
 def test_crossings_since_a_next_node_was_left(informed) -> None:
-    params, never = at_level(informed, "local"), RECENT_NODES + 1
+    params, never = replace(informed, level="local"), RECENT_NODES + 1
     for actions, node, left in [
         ([], 0, [never, never]),
         ([0], 1, [never, 1]),  # 0 > 1: exits to 3 and back
@@ -155,7 +155,7 @@ def test_crossings_since_a_next_node_was_left(informed) -> None:
 
 
 def test_what_was_left_long_ago_is_forgotten(informed) -> None:
-    params = at_level(informed, "local")
+    params = replace(informed, level="local")
     # Node 2 is left on the second step; then to and fro between 0 and 1, two steps a time.
     state, found = walked(params, 1, 1), []
     for _ in range(6):
@@ -308,7 +308,7 @@ def test_each_level_sees_what_the_one_before_it_sees(informed, node: int, clock:
 
 def test_the_level_is_the_environments(informed) -> None:
     for level in LEVELS:
-        params = at_level(informed, level)
+        params = replace(informed, level=level)
         state, seen = reset(params, Instance(*map(jnp.int32, (0, 3)), jnp.float32(7), jnp.int32(1)))
         same(seen, see(informed, 0, 7.0, 1, level=level))
         state, outcome = step(params, state, jnp.int32(0))
@@ -317,7 +317,7 @@ def test_the_level_is_the_environments(informed) -> None:
 
 @pytest.mark.parametrize("level", ["map", "live"])
 def test_missing_knowledge_is_said(diamond, constant_field, make_params, level: str) -> None:
-    params = at_level(make_params(diamond, constant_field(diamond)), level)
+    params = replace(make_params(diamond, constant_field(diamond)), level=level)
     with pytest.raises(ValueError, match="made for a level below map"):
         see(params, 0, 0.0)
 
@@ -340,7 +340,7 @@ def test_walks_that_nothing_is_known_about_are_refused(informed, diamond, make_p
     check_known(informed, walks([3, 3]))
     with pytest.raises(ValueError, match="getting to node 2"):
         check_known(informed, walks([3, 2]))
-    check_known(at_level(informed, "local"), walks([2]))
+    check_known(replace(informed, level="local"), walks([2]))
     two = make_params(diamond, speed_field(jnp.ones((2, 8, 2)), SLOT), hours=(0.0, 0.0))
     for params in (known(two, (3, 0)), replace(with_map(two, only(4, 3, 0)), expected=two.futures.speeds)):
         check_known(params, walks([0, 0], future=1))

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from sidestep.environment.crossing import crossings, static_crossing, static_crossing_in, with_mean_waits
 from sidestep.environment.types import DENSITY_SCALE, EnvParams, ExpectedCostToGo, Instance, LiveCostToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
+from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import SpeedField, Speeds
 from sidestep.walking.waits import Wait
 
@@ -27,12 +28,14 @@ SETTLED = 0.01
 """Change in s below which the iteration within a slot ends."""
 WINDOW = 24
 """Slots that a forecast looks ahead; beyond, crowds are taken to be as expected."""
+Destination = Bool[Array, " node"]
+"""Nodes of the destination; the nearest one counts."""
 Ahead = Callable[[Float[Array, " counter"], Float[Array, ""], Int[Array, ""]], SpeedField]
 """Speeds in a slot and the next ones, from its counts, the hour of the week at clock 0 and its number."""
 
 
 def static_cost_to_go(
-    network: RoadNetwork, cost: Float[Array, " segment"], destination: Bool[Array, " node"]
+    network: RoadNetwork, cost: Float[Array, " segment"], destination: Destination
 ) -> Float[Array, " node"]:
     """Cost from every node if those of crossing segments stay as they are (Bellman and Ford).
 
@@ -42,6 +45,11 @@ def static_cost_to_go(
         Streets, and the cost in s of crossing each segment.
     destination
         Nodes of the destination; the nearest one counts.
+
+    Returns
+    -------
+    Float[Array, " node"]
+        Cost in s; ``UNREACHABLE`` or more where no path leads.
     """
     onward = jnp.where(network.valid, cost[network.exit_segment], UNREACHABLE)
     start = jnp.where(destination, 0.0, UNREACHABLE)
@@ -55,21 +63,16 @@ def static_cost_to_go(
 
 
 def cost_to_go(
-    network: RoadNetwork,
-    seconds: Float[Array, "slot segment"],
-    cost: Float[Array, "slot segment"],
-    slot_seconds: float,
-    destination: Bool[Array, " node"],
-    later: Float[Array, " node"],
+    network: RoadNetwork, crossed: Crossing, slot_seconds: float, destination: Destination, later: Float[Array, " node"]
 ) -> Float[Array, "slot node"]:
-    """Cost from every node, as each slot begins; ``UNREACHABLE`` or more where no path leads.
+    """Cost from every node, as each slot begins.
 
     Parameters
     ----------
     network
         Streets.
-    seconds, cost
-        Of crossing each segment, entered as each slot begins, in s.
+    crossed
+        Each segment, entered as each slot begins: arrays [slot, segment].
     slot_seconds
         Length of a slot in s.
     destination
@@ -77,26 +80,29 @@ def cost_to_go(
     later
         Cost to go after the last of the slots.
 
+    Returns
+    -------
+    Float[Array, "slot node"]
+        Cost in s; ``UNREACHABLE`` or more where no path leads.
+
     References
     ----------
     Chabini (1998), doi:10.3141/1645-21.
     """
-    slots = seconds.shape[0]
-    head, valid = network.exit_node, network.valid
+    slots, head = crossed.seconds.shape[0], network.exit_node
     start = jnp.broadcast_to(later, (slots + 1, network.nodes))
 
     def one_slot(table: Array, now: tuple[Array, Array, Array]) -> tuple[Array, None]:
         slot, seconds, cost = now
-        seconds, cost = seconds[network.exit_segment], cost[network.exit_segment]
-        ahead = seconds / slot_seconds
+        ahead = seconds[network.exit_segment] / slot_seconds
         whole = jnp.floor(ahead)
         part = ahead - whole
         before = slot + whole.astype(jnp.int32)
-        beyond = jnp.minimum(before + 1, slots)
         # Within this slot: the cost at its beginning is sought, and only that at its end is known.
         within = before == slot
         known = jnp.where(within, 0.0, (1 - part) * table[jnp.minimum(before, slots), head])
-        known = jnp.where(valid, cost + known + part * table[beyond, head], UNREACHABLE)
+        known = cost[network.exit_segment] + known + part * table[jnp.minimum(before + 1, slots), head]
+        known = jnp.where(network.valid, known, UNREACHABLE)
         weight = jnp.where(within, 1 - part, 0.0)
 
         def settle(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -107,12 +113,10 @@ def cost_to_go(
 
         # Rounding of very long times might never settle.
         start = (table[slot + 1], jnp.float32(jnp.inf), jnp.int32(0))
-        to_go, _, _ = jax.lax.while_loop(
-            lambda carry: (carry[1] > SETTLED) & (carry[2] <= network.nodes), settle, start
-        )
+        to_go, *_ = jax.lax.while_loop(lambda carry: (carry[1] > SETTLED) & (carry[2] <= network.nodes), settle, start)
         return table.at[slot].set(to_go), None
 
-    table, _ = jax.lax.scan(one_slot, start, (jnp.arange(slots), seconds, cost), reverse=True)
+    table, _ = jax.lax.scan(one_slot, start, (jnp.arange(slots), crossed.seconds, crossed.cost), reverse=True)
     return table[:-1]
 
 
@@ -125,8 +129,20 @@ def at_clock(
 ) -> Float[Array, " n"]:
     """Cost to go from nodes at clocks, linear between the beginnings of slots.
 
-    ``destination`` picks one of several tables. (It is part of the index, since picking a table first would copy it for
-    every walker.)
+    Parameters
+    ----------
+    table, slot_seconds
+        Cost as each slot begins, and the length of a slot in s.
+    clock, node
+        When and from where.
+    destination
+        Picks one of several tables. (It is part of the index, since picking a table first would copy it for every
+        walker.)
+
+    Returns
+    -------
+    Float[Array, " n"]
+        Cost in s.
     """
     which = () if destination is None else (destination,)
     last = table.shape[-2] - 1
@@ -137,7 +153,7 @@ def at_clock(
 
 
 def field_cost_to_go(
-    params: EnvParams, speeds: SpeedField, wait: Wait, destination: Bool[Array, " node"], *, every: int = 1
+    params: EnvParams, speeds: SpeedField, wait: Wait, destination: Destination, *, every: int = 1
 ) -> Float[Array, "step node"]:
     """Cost from every node through one future, whose last slot lasts for ever.
 
@@ -151,13 +167,18 @@ def field_cost_to_go(
         Nodes of the destination; the nearest one counts.
     every
         Steps in each slot, at whose beginnings costs are worked out.
+
+    Returns
+    -------
+    Float[Array, "step node"]
+        Cost in s as each step begins.
     """
     network, crossed = params.network, crossings(params, speeds, wait, every=every)
     begins = jnp.full(network.segments, (speeds.slots - 1) * speeds.slot_seconds)
     density, waited = lambda: speeds.known_density[:, -1], wait(jnp.arange(network.segments), begins)
     ever_after = static_crossing(params.objective, network.length, speeds.speed[:, -1], density, waited)
     later = static_cost_to_go(network, ever_after.cost, destination)
-    return cost_to_go(network, crossed.seconds, crossed.cost, speeds.slot_seconds / every, destination, later)
+    return cost_to_go(network, crossed, speeds.slot_seconds / every, destination, later)
 
 
 def expected_cost_to_go(
@@ -173,6 +194,11 @@ def expected_cost_to_go(
         Nodes of each destination; no node may belong to two.
     hours
         Hour of the week at which walks to each of them set out.
+
+    Returns
+    -------
+    ExpectedCostToGo
+        A table for each destination.
     """
 
     def tables(expected: Speeds) -> Float[Array, "destination slot node"]:
@@ -199,20 +225,22 @@ def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counte
         What is known of each slot as it begins: the people on each segment, or the densities at counters.
     ahead
         Turns that into the speeds that are forecast from it; after its window crowds are as expected.
+
+    Returns
+    -------
+    LiveCostToGo
+        With lights at their mean wait.
     """
     params, expected = with_mean_waits(params), known_cost_to_go(params)
-    futures, speeds = params.futures, params.futures.speeds
-    nodes = expected.destination == jnp.arange(expected.table.shape[0])[:, None]
-    every = jnp.arange(params.network.segments)
+    futures, speeds, every = params.futures, params.futures.speeds, jnp.arange(params.network.segments)
 
     def one(number: Int[Array, ""]) -> tuple[Array, Array]:
         future, slot = number // speeds.slots, number % speeds.slots
-        wait, destination = params.wait_in(future), futures.destination[future]
-        foreseen, to = ahead(counted[future, slot], futures.hour[future], slot), nodes[destination]
-        forecast = _forecast(params, foreseen, wait, slot, to, expected.table[destination])
-        waited = wait(every, jnp.full(every.shape, slot * speeds.slot_seconds))
+        forecast = _forecast(params, ahead(counted[future, slot], futures.hour[future], slot), future, slot)
+        waited = params.wait_in(future)(every, jnp.full(every.shape, slot * speeds.slot_seconds))
         stays = static_crossing_in(params, speeds, future, slot, every, waited)
-        return forecast, static_cost_to_go(params.network, stays.cost, to)
+        destination = expected.destination == futures.destination[future]
+        return forecast, static_cost_to_go(params.network, stays.cost, destination)
 
     forecast, snapshot = jax.lax.map(one, jnp.arange(speeds.count * speeds.slots))
     shape = (speeds.count, speeds.slots)
@@ -220,22 +248,21 @@ def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counte
 
 
 def _forecast(
-    params: EnvParams,
-    speeds: SpeedField,
-    wait: Wait,
-    slot: Int[Array, ""],
-    destination: Bool[Array, " node"],
-    expected: Float[Array, "slot node"],
+    params: EnvParams, speeds: SpeedField, future: Int[Array, ""], slot: Int[Array, ""]
 ) -> Float[Array, "2 segment"]:
-    """Cost to the destination over each segment, entered as the slot begins and as it ends.
+    """Cost to a future's destination over each segment, entered as the slot begins and as it ends.
 
-    Penalties for entering a segment that is too dense are left out: walkers see there whether they have to pay them.
+    Returns
+    -------
+    Float[Array, "2 segment"]
+        Without penalties for entering a segment that is too dense: walkers see there whether they have to pay them.
     """
     network, slot_seconds = params.network, speeds.slot_seconds
-    crossed = crossings(params, speeds, wait, begins=slot * slot_seconds)
-    later = expected[jnp.minimum(slot + speeds.slots, expected.shape[0] - 1)]
-    table = cost_to_go(network, crossed.seconds, crossed.cost, slot_seconds, destination, later)
-    table = jnp.concatenate([table, later[None]])
+    expected, number = known_cost_to_go(params), params.futures.destination[future]
+    crossed = crossings(params, speeds, params.wait_in(future), begins=slot * slot_seconds)
+    later = expected.table[number, jnp.minimum(slot + speeds.slots, expected.table.shape[1] - 1)]
+    before = cost_to_go(network, crossed, slot_seconds, expected.destination == number, later)
+    table = jnp.concatenate([before, later[None]])
     over = jax.vmap(partial(at_clock, table, slot_seconds, node=network.head))
     first = jax.tree.map(lambda leaf: leaf[:2], crossed)
     cost = first.cost - params.objective.penalty * first.measures.get("too_dense", 0.0)
@@ -244,6 +271,11 @@ def _forecast(
 
 def known_cost_to_go(params: EnvParams) -> ExpectedCostToGo:
     """The environment's expected costs.
+
+    Returns
+    -------
+    ExpectedCostToGo
+        Never None.
 
     Raises
     ------
@@ -257,6 +289,11 @@ def known_cost_to_go(params: EnvParams) -> ExpectedCostToGo:
 
 def known_live_cost_to_go(params: EnvParams) -> LiveCostToGo:
     """The environment's costs from all counts.
+
+    Returns
+    -------
+    LiveCostToGo
+        Never None.
 
     Raises
     ------
@@ -279,17 +316,15 @@ def check_known(params: EnvParams, instances: Instance) -> None:
     """
     if params.level not in ("map", "live"):
         return
-    number = np.asarray(known_cost_to_go(params).destination)[np.asarray(instances.destination)]
+    destination, future = np.atleast_1d(instances.destination), np.atleast_1d(instances.future)
+    number = np.asarray(known_cost_to_go(params).destination)[destination]
     if (number < 0).any():
-        unknown = np.asarray(instances.destination).reshape(-1)[np.argmin(number)]
+        unknown = destination[number < 0][0]
         raise ValueError(f"no costs of getting to node {unknown} are known; give it to make_environment as destination")
     if params.level == "live":
         known_live_cost_to_go(params)
     elif params.expected.count == 1:
         return
-    meant = np.asarray(params.futures.destination)[np.asarray(instances.future)]
-    wrong = np.flatnonzero(number != meant)
+    wrong = np.flatnonzero(number != np.asarray(params.futures.destination)[future])
     if len(wrong):
-        walk = int(wrong[0])
-        future = int(np.asarray(instances.future).reshape(-1)[walk])
-        raise ValueError(f"walk {walk} meets future {future}, which is for another destination")
+        raise ValueError(f"walk {wrong[0]} meets future {future[wrong[0]]}, which is for another destination")

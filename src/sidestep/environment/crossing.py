@@ -9,9 +9,9 @@ from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import EnvParams
 from sidestep.walking.crossing_time import crossing_time, crossing_times, exposure
-from sidestep.walking.objective import Crossing, Deferred, Objective
+from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
 from sidestep.walking.speed_field import SpeedField, Speeds
-from sidestep.walking.waits import Clocks, Segments, Wait
+from sidestep.walking.waits import Segments, Wait
 
 
 def with_mean_waits(params: EnvParams) -> EnvParams:
@@ -25,6 +25,11 @@ def as_expected(params: EnvParams) -> EnvParams:
     return with_mean_waits(replace(params, futures=replace(futures, speeds=params.expected, cost_to_go=None)))
 
 
+def slot_at(speeds: Speeds, clock: Numbers) -> Int[Array, "*n"]:
+    """The slots that clocks in s lie in; the last slot lasts for ever."""
+    return jnp.clip(jnp.floor(clock / speeds.slot_seconds).astype(jnp.int32), 0, speeds.slots - 1)
+
+
 def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
     """Walk a segment in one of the futures.
 
@@ -34,6 +39,11 @@ def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], cl
         The environment.
     future, segment, clock
         In which future, which segment, and the clock in s at which the walker comes to it.
+
+    Returns
+    -------
+    Crossing
+        Time and cost, with the wait before the segment.
     """
     speeds = params.futures.speeds.row(future, segment)
     return cross_at_speeds(params, speeds, params.wait_in(future), segment, clock)
@@ -49,14 +59,9 @@ def cross_at_speeds(
 
 
 def crossings(
-    params: EnvParams,
-    speeds: SpeedField,
-    wait: Wait,
-    *,
-    begins: Float[Array, ""] | float = 0.0,
-    every: int = 1,
+    params: EnvParams, speeds: SpeedField, wait: Wait, *, begins: Float[Array, ""] | float = 0.0, every: int = 1
 ) -> Crossing:
-    """Walk all segments, entered as slots begin: arrays [step, segment].
+    """Walk all segments, entered as slots begin.
 
     Parameters
     ----------
@@ -70,6 +75,11 @@ def crossings(
         Clock in s at which the speeds begin.
     every
         Steps in each slot.
+
+    Returns
+    -------
+    Crossing
+        Arrays [step, segment].
     """
     length, segments = params.network.length, jnp.arange(params.network.segments)
     steps = jnp.arange(speeds.slots * every) * (speeds.slot_seconds / every)
@@ -85,11 +95,7 @@ def crossings(
 
 
 def static_crossing(
-    objective: Objective,
-    metres: Float[Array, "*n"],
-    speed: Float[Array, "*n"],
-    density: Deferred,
-    wait: Float[Array, "*n"] | float = 0.0,
+    objective: Objective, metres: Numbers, speed: Numbers, density: Deferred, wait: Numbers | float = 0.0
 ) -> Crossing:
     """Walk segments if their crowds stayed as they are.
 
@@ -101,34 +107,33 @@ def static_crossing(
         Length in m, speed in m/s and density in persons/m² of each.
     wait
         Seconds to wait before each.
+
+    Returns
+    -------
+    Crossing
+        Time and cost of each.
     """
     seconds = wait + metres / speed
     return objective.crossing(seconds, metres, lambda: density() * seconds, density)
 
 
 def static_crossing_in(
-    params: EnvParams, speeds: Speeds, future: Int[Array, ""], slot: Int[Array, ""], segment: Segments, wait: Clocks
+    params: EnvParams, speeds: Speeds, future: Int[Array, ""], slot: Int[Array, ""], segment: Segments, wait: Numbers
 ) -> Crossing:
     """Walk segments, after some wait before each, if the crowds of a future stayed as they are in a slot."""
     speed, density = speeds.at(future, segment, slot), partial(speeds.density_at, future, segment, slot)
     return static_crossing(params.objective, params.network.length[segment], speed, density, wait)
 
 
-def _crossing(
-    objective: Objective,
-    speeds: SpeedField,
-    clock: Float[Array, "*n"],
-    seconds: Float[Array, "*n"],
-    length: Float[Array, "*n"],
-) -> Crossing:
+def _crossing(objective: Objective, speeds: SpeedField, clock: Numbers, seconds: Numbers, length: Numbers) -> Crossing:
     """What it costs to come to segments at clocks and to leave them so many seconds later."""
 
     # Walkers who wait stand in the crowd of the street that they are about to walk.
-    def met() -> Float[Array, "*n"]:
+    def met() -> Numbers:
         return exposure(speeds.known_density, speeds.slot_seconds, clock, clock + seconds)
 
-    def density() -> Float[Array, "*n"]:
-        slot = jnp.clip(jnp.floor(clock / speeds.slot_seconds).astype(jnp.int32), 0, speeds.slots - 1)
+    def density() -> Numbers:
+        slot = slot_at(speeds, clock)
         return jnp.take_along_axis(speeds.known_density, slot[..., None], axis=-1)[..., 0]
 
     return objective.crossing(seconds, length, met, density)

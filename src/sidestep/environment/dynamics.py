@@ -68,16 +68,19 @@ def reward(params: EnvParams, before: EnvState, after: EnvState, cost: Float[Arr
     cost
         What the step cost, in s.
 
+    Returns
+    -------
+    Float[Array, ""]
+        In units of ``params.reward.unit_seconds``.
+
     References
     ----------
     The paper, eq. 13; for potential-based progress Ng, Harada, Russell (1999).
     """
     weights, destination = params.reward, before.instance.destination
-    progress = params.network.straight_line(before.node, destination) - params.network.straight_line(
-        after.node, destination
-    )
+    here, there = (params.network.straight_line(state.node, destination) for state in (before, after))
     arrived = after.node == destination
-    return -cost / weights.unit_seconds + weights.progress * progress + weights.bonus * arrived
+    return -cost / weights.unit_seconds + weights.progress * (here - there) + weights.bonus * arrived
 
 
 def existing_exit(exit_node: Int[Array, " exit"], action: Int[Array, ""]) -> Int[Array, ""]:

@@ -2,46 +2,60 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import cast
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.cost_to_go import at_clock, known_cost_to_go, known_live_cost_to_go
-from sidestep.environment.crossing import static_crossing, static_crossing_in, with_mean_waits
-from sidestep.environment.types import (
-    RECENT_NODES,
-    EnvParams,
-    EnvState,
-    Expected,
-    Information,
-    Live,
-    Local,
-    Observation,
-)
+from sidestep.environment.crossing import slot_at, static_crossing, static_crossing_in, with_mean_waits
+from sidestep.environment.types import RECENT_NODES, EnvParams, EnvState, Expected, Live, Local, Observation
 from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import Speeds
 from sidestep.walking.speed_laws import FREE_SPEED
 
 EMPTY = 0.02
 """Persons/m² that make no difference to :attr:`sidestep.environment.types.Expected.log_density_ratio`."""
+Exits = Float[Array, " exit"]
 
 
 def observe(params: EnvParams, state: EnvState) -> Observation:
-    """See what the environment's level sees."""
-    return _OBSERVE[params.level](params, state)
+    """See what the environment's level sees.
 
+    Level ``position``, the paper's, sees where the walker is, and which exits there are.
 
-def observe_position(params: EnvParams, state: EnvState) -> Observation:
-    """Level ``position``, the paper's: where the walker is, and which exits there are."""
+    Returns
+    -------
+    Observation
+        With the level's own estimate, from level ``local`` on.
+
+    Raises
+    ------
+    ValueError
+        An environment that was made for a lower level.
+    """
     network = params.network
-    return Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0, state.steps)
+    seen = Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0, state.steps)
+    if params.level == "position":
+        return seen
+    local, estimate = _local(params, state)
+    seen = replace(seen, local=local, estimate=estimate)
+    if params.level == "local":
+        return seen
+    expected, estimate = _expected(params, state, local)
+    seen = replace(seen, expected=expected, estimate=estimate)
+    if params.level == "map":
+        return seen
+    live = _live(params, state, local)
+    return replace(seen, live=live, estimate=live.forecast)
 
 
-def observe_local(params: EnvParams, state: EnvState) -> Observation:
+def _local(params: EnvParams, state: EnvState) -> tuple[Local, Exits]:
     """Level ``local``: also the clock, where the destination lies, and the crowds and lights of the streets from here.
 
-    Its estimate: each street at the speed that is seen on it, then straight on at free speed.
+    Returns
+    -------
+    local, estimate
+        The estimate takes each street at the speed that is seen on it, then straight on at free speed.
     """
     network = params.network
     onto, segment = network.exit_node[state.node], network.exit_segment[state.node]
@@ -60,39 +74,34 @@ def observe_local(params: EnvParams, state: EnvState) -> Observation:
         steps_since_visit=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + RECENT_NODES),
     )
     metres = jnp.linalg.norm(local.onward, axis=1)
-    # Nobody is met on streets that are not seen.
-    empty = static_crossing(
-        params.objective, metres, jnp.full_like(metres, FREE_SPEED), partial(jnp.zeros_like, metres)
-    )
-    return replace(
-        observe_position(params, state), local=local, estimate=local.cost + empty.cost + _turning_back(params, local)
-    )
+    speed, nobody = jnp.full_like(metres, FREE_SPEED), partial(jnp.zeros_like, metres)  # is met on streets not seen
+    empty = static_crossing(params.objective, metres, speed, nobody)
+    return local, local.cost + empty.cost + _turning_back(params, local)
 
 
-def observe_map(params: EnvParams, state: EnvState) -> Observation:
+def _expected(params: EnvParams, state: EnvState, local: Local) -> tuple[Expected, Exits]:
     """Level ``map``: also the map and its expected crowds.
 
-    Its estimate: each street at the speed that is seen on it, then the least cost through the expected crowds; where
-    crowds are interpolated, the least cost through the expected crowds from here on.
+    Returns
+    -------
+    expected, estimate
+        The estimate takes each street at the speed that is seen on it, then the least cost through the expected crowds;
+        where crowds are interpolated, it is the least cost through the expected crowds from here on.
     """
-    known, seen = known_cost_to_go(params), observe_local(params, state)
-    local = cast("Local", seen.local)
-    destination = known.destination[state.instance.destination]
-    which = params.expected_for(state.instance.future)
+    known, future, speeds = known_cost_to_go(params), state.instance.future, params.futures.speeds
+    destination, which = known.destination[state.instance.destination], params.expected_for(future)
     now = _crossing_now(params, state, params.expected, which)
 
-    def to_go(table: Float[Array, "destination slot node"], crossing: Float[Array, " exit"]) -> Float[Array, " exit"]:
-        return at_clock(table, params.futures.speeds.slot_seconds, state.clock + crossing, local.onto, destination)
+    def to_go(table: Float[Array, "destination slot node"], crossing: Exits) -> Exits:
+        return at_clock(table, speeds.slot_seconds, state.clock + crossing, local.onto, destination)
 
     if known.scaled is None:
         expected = Expected(now.cost, to_go(known.table, local.crossing))
-        estimate = local.cost + expected.to_go + _turning_back(params, local)
-        return replace(seen, expected=expected, estimate=estimate)
+        return expected, local.cost + expected.to_go + _turning_back(params, local)
     # What is seen here is seen on the streets beyond as well. Taken for this street's alone, it would send walkers
     # round the next corner, from where the way back is the fastest: then they would go to and fro.
-    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
-    density = params.futures.speeds.density_at(state.instance.future, segment, slot)
-    usual = params.expected.density_at(which, segment, slot)
+    segment, slot = params.network.exit_segment[state.node], slot_at(speeds, state.clock)
+    density, usual = speeds.density_at(future, segment, slot), params.expected.density_at(which, segment, slot)
     expected = Expected(
         now.cost,
         to_go(known.table, now.seconds),
@@ -102,52 +111,37 @@ def observe_map(params: EnvParams, state: EnvState) -> Observation:
     # But walkers see whether it is too dense to enter.
     objective = params.objective
     penalty = objective.penalty * (objective.too_dense(lambda: density) - objective.too_dense(lambda: usual))
-    estimate = now.cost + expected.to_go + penalty + _turning_back(params, local)
-    return replace(seen, expected=expected, estimate=estimate)
+    return expected, now.cost + expected.to_go + penalty + _turning_back(params, local)
 
 
-def observe_live(params: EnvParams, state: EnvState) -> Observation:
+def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
     """Level ``live``: also the counts of all streets as of now, and the forecasts from them.
 
-    Its estimate: the least cost over each street if crowds go on as forecast.
+    Returns
+    -------
+    Live
+        The estimate of the level is its ``forecast``: the least cost over each street if crowds go on so.
     """
-    seen, known, speeds = observe_map(params, state), known_live_cost_to_go(params), params.futures.speeds
-    local, slot, future = cast("Local", seen.local), _slot(params, state), state.instance.future
-    segment = params.network.exit_segment[state.node]
+    known, speeds, future = known_live_cost_to_go(params), params.futures.speeds, state.instance.future
+    segment, slot = params.network.exit_segment[state.node], slot_at(speeds, state.clock)
     part = jnp.clip(state.clock / speeds.slot_seconds - slot, 0.0, 1.0)
     begin, end = known.forecast[future, slot, 0, segment], known.forecast[future, slot, 1, segment]
     forecast = (1 - part) * begin + part * end
     # Forecasts leave out penalties, and take lights at their mean wait: from here both are seen.
     density, clock = partial(speeds.density_at, future, segment, slot), jnp.full(segment.shape, state.clock)
     forecast += params.objective.penalty * params.objective.too_dense(density)
-    mean, seen_now = (each.wait_in(future)(segment, clock) for each in (with_mean_waits(params), params))
-    forecast += params.objective.waiting(seen_now - mean, density)
-    live = Live(snapshot=local.cost + known.snapshot[future, slot, local.onto], forecast=forecast)
-    return replace(seen, live=live, estimate=forecast)
-
-
-_OBSERVE = {"position": observe_position, "local": observe_local, "map": observe_map, "live": observe_live}
-
-
-def at_level(params: EnvParams, level: Information) -> EnvParams:
-    """The same environment for walkers of another level."""
-    return replace(params, level=level)
+    mean, seen = (each.wait_in(future)(segment, clock) for each in (with_mean_waits(params), params))
+    forecast += params.objective.waiting(seen - mean, density)
+    return Live(local.cost + known.snapshot[future, slot, local.onto], forecast)
 
 
 def _crossing_now(params: EnvParams, state: EnvState, speeds: Speeds, future: Int[Array, ""]) -> Crossing:
     """What the streets from here take and cost if crowds stay as they are in a future, with the lights as seen."""
-    segment, slot = params.network.exit_segment[state.node], _slot(params, state)
+    segment, slot = params.network.exit_segment[state.node], slot_at(params.futures.speeds, state.clock)
     wait = params.wait_in(state.instance.future)(segment, jnp.full(segment.shape, state.clock))
     return static_crossing_in(params, speeds, future, slot, segment, wait)
 
 
-def _turning_back(params: EnvParams, local: Local) -> Float[Array, " exit"] | float:
-    if not params.objective.jumps:
-        return 0.0
-    # A walker who turns away from a street that is too dense would else be led back to it by the next estimate.
-    return params.objective.penalty * (local.steps_since_visit <= RECENT_NODES)
-
-
-def _slot(params: EnvParams, state: EnvState) -> Int[Array, ""]:
-    slot = jnp.floor(state.clock / params.futures.speeds.slot_seconds).astype(jnp.int32)
-    return jnp.clip(slot, 0, params.futures.speeds.slots - 1)
+def _turning_back(params: EnvParams, local: Local) -> Exits | float:
+    """A walker who turns away from a street that is too dense would else be led back to it by the next estimate."""
+    return params.objective.penalty * (local.steps_since_visit <= RECENT_NODES) if params.objective.jumps else 0.0

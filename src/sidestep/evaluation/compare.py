@@ -1,20 +1,22 @@
-"""Walk the same maps, crowds and departures with every planner."""
+"""Walk the same maps, crowds and departures with every planner, and measure how long decisions take."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
+from time import perf_counter
 from typing import TypedDict
 
 import jax
 import numpy as np
-from jaxtyping import Array, Key
+from jaxtyping import Array, Int, Key
 
+from sidestep.environment.dynamics import reset
 from sidestep.environment.types import LEVELS, EnvParams, Instance
 from sidestep.evaluation.metrics import Record, Row, join_records, summarise
-from sidestep.evaluation.timing import decision_us
-from sidestep.planners.base import Planner, walk_plan
+from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
 from sidestep.scenarios.futures import make_environment
@@ -26,6 +28,10 @@ CHUNK = 200
 
 TOWN_CHUNK = 50
 """The same where each walk has a destination of its own."""
+
+
+Factories = Mapping[str, PlannerFactory]
+"""Factories of planners by name."""
 
 
 class Results(TypedDict):
@@ -113,7 +119,7 @@ class Comparison:
 
 def compare(
     scenario: Scenario,
-    planners: Mapping[str, PlannerFactory],
+    planners: Factories,
     *,
     maps: Sequence[int],
     walks: int,
@@ -176,7 +182,9 @@ def compare(
     collected: dict[str, list[Record]] = {name: [] for name in planners}
     pool = ThreadPoolExecutor(workers)
     try:
-        for done, (index, walked) in enumerate(zip(maps, _first_then_rest(pool, one, maps), strict=True)):
+        # The first map compiles everything; side by side, several maps would compile the same.
+        walked_maps = chain([one(maps[0])], pool.map(one, maps[1:]))
+        for done, (index, walked) in enumerate(zip(maps, walked_maps, strict=True)):
             for name, record in walked.items():
                 if len(collected[name]) < done:
                     raise PlannerError(
@@ -190,29 +198,14 @@ def compare(
     return Comparison(scenario, len(maps), walks, seed, records)
 
 
-def _first_then_rest(
-    pool: ThreadPoolExecutor, one: Callable[[int], dict[str, Record]], maps: Sequence[int]
-) -> Iterable[dict[str, Record]]:
-    # The first map compiles everything; side by side, several maps would compile the same.
-    yield one(maps[0])
-    yield from pool.map(one, maps[1:])
-
-
 def _walk_map(
-    scenario: Scenario,
-    planners: Mapping[str, PlannerFactory],
-    walks: int,
-    seed: int,
-    destinations: int | None,
-    timing: bool,
-    index: int,
+    scenario: Scenario, planners: Factories, walks: int, seed: int, destinations: int | None, timing: bool, index: int
 ) -> dict[str, Record]:
     """Walk map number ``index`` with all planners."""
     scenario_map = draw_map(scenario, seed, index)
     episodes.check_paths(scenario_map)
-    chosen = {
-        name: planner for name, factory in planners.items() if (planner := factory(scenario_map, index)) is not None
-    }
+    made = {name: factory(scenario_map, index) for name, factory in planners.items()}
+    chosen = {name: planner for name, planner in made.items() if planner is not None}
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Record]] = {name: [] for name in chosen}
     pairs = scenario.place.anywhere and destinations is None
@@ -240,5 +233,43 @@ def _walk(planner: Planner, params: EnvParams, todo: Instance, key: Key[Array, "
         np.asarray(walked.arrived),
         np.asarray(walked.cost, np.float64) / 60,
         {name: np.asarray(total, np.float64) for name, total in walked.measures.items()},
-        decision_us(planner, params, plan, todo, key, int(np.sum(walked.steps))) if timing else None,
+        _decision_us(planner, params, plan, todo, key, int(np.sum(walked.steps))) if timing else None,
     )
+
+
+def _decision_us(
+    planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], decisions: int
+) -> float:
+    """Measure how long a planner plans and decides, in microseconds for each decision.
+
+    Planning is repeated and shared out among the decisions of all walks; deciding is measured at the origins. Neither
+    counts tables of costs to go and forecasts, which belong to the environment.
+
+    Parameters
+    ----------
+    planner, params, plan, instances, key
+        As for :func:`sidestep.planners.base.walk_plan`. The plan was made before, so that nothing is compiled here
+        that planning compiles.
+    decisions
+        Number of decisions that all walks took together.
+
+    Returns
+    -------
+    float
+        Microseconds.
+    """
+    began = perf_counter()
+    jax.tree.map(np.asarray, planner.plan(params, instances).own)  # waits until it is there
+    planning = perf_counter() - began
+    decide = partial(_decide_all, planner.decide, replace(params, level=planner.observes), plan, instances, key)
+    decide().block_until_ready()
+    began = perf_counter()
+    decide().block_until_ready()
+    return 1e6 * (planning / max(decisions, 1) + (perf_counter() - began) / instances.origin.shape[0])
+
+
+@partial(jax.jit, static_argnames="decide")
+def _decide_all(
+    decide: DecideByPlan, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""]
+) -> Int[Array, " walk"]:
+    return jax.vmap(lambda own, walk: decide(plan.shared, own, reset(params, walk)[1], key))(plan.own, instances)

@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from typing import NotRequired, TypedDict
 
+import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -15,11 +17,10 @@ RESAMPLES = 2_000
 """Number of bootstrap resamples behind each interval."""
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(eqx.Module):
     """How one planner's walks went. Walks are paired with those of the other planners, map by map."""
 
-    level: Level
+    level: Level = eqx.field(static=True)
     """What the planner knows."""
 
     minutes: Float[np.ndarray, "*walks"]
@@ -31,7 +32,7 @@ class Record:
     cost: Float[np.ndarray, "*walks"]
     """What planners are judged by, in minutes: travel times, or what the objective makes of them."""
 
-    totals: Mapping[str, Float[np.ndarray, "*walks"]] = field(default_factory=dict)
+    totals: dict[str, Float[np.ndarray, "*walks"]] = eqx.field(default_factory=dict)
     """Under an objective: ``exposure`` (crowd met, person·s/m²), ``metres``, and ``too_dense`` (streets entered above
     the maximum density); empty where time is all that counts."""
 
@@ -44,7 +45,7 @@ class Record:
         return len(self.minutes)
 
 
-def join_records(records: Sequence[Record], join: Callable[[list[np.ndarray]], np.ndarray]) -> Record:
+def join_records(records: Sequence[Record], join: Callable[[Sequence[np.ndarray]], np.ndarray]) -> Record:
     """Join the walks of one planner's records.
 
     Parameters
@@ -59,15 +60,10 @@ def join_records(records: Sequence[Record], join: Callable[[list[np.ndarray]], n
     Record
         All walks; decisions take the median of the records' times.
     """
-    first, times = records[0], [record.decision_us for record in records if record.decision_us is not None]
-    return Record(
-        first.level,
-        join([record.minutes for record in records]),
-        join([record.arrived for record in records]),
-        join([record.cost for record in records]),
-        {name: join([record.totals[name] for record in records]) for name in first.totals},
-        float(np.median(times)) if times else None,
-    )
+    times = [record.decision_us for record in records if record.decision_us is not None]
+    untimed = (replace(record, decision_us=None) for record in records)
+    joined = jax.tree.map(lambda *arrays: join(arrays), *untimed)
+    return replace(joined, decision_us=float(np.median(times)) if times else None)
 
 
 class Spread(TypedDict):
@@ -156,20 +152,13 @@ def summarise(
     dict of Row
         By planner.
     """
-    return {name: _row(record, records, seed, by, records[baseline].cost) for name, record in records.items()}
+    references = [records[name] for name in (REFERENCE, BOUND, baseline)]
+    return {name: _row(record, references, seed, by) for name, record in records.items()}
 
 
-def _row(
-    record: Record,
-    records: Mapping[str, Record],
-    seed: int,
-    by: float | None,
-    baseline_cost: Float[np.ndarray, "map walk"],
-) -> Row:
+def _row(record: Record, references: Sequence[Record], seed: int, by: float | None) -> Row:
     minutes, cost = _units(record.minutes), _units(record.cost)
-    reference = _units(records[REFERENCE].cost[: record.maps])
-    bound = _units(records[BOUND].cost[: record.maps])
-    baseline = _units(baseline_cost[: record.maps])
+    shortest, bound, baseline = (_units(reference.cost[: record.maps]) for reference in references)
     again = np.random.default_rng(seed).integers(len(cost), size=(RESAMPLES, len(cost)))
     means, bounds = cost[again].mean(axis=1), bound[again].mean(axis=1)
     single = spread(record.minutes, record.arrived, by)
@@ -178,8 +167,8 @@ def _row(
         "maps": record.maps,
         "mean_minutes": float(minutes.mean()),
         "ci95": _interval(minutes[again].mean(axis=1)),
-        "saving_vs_shortest_path": float(1 - cost.mean() / reference.mean()),
-        "best_saving": float(1 - (cost / reference).min()),
+        "saving_vs_shortest_path": float(1 - cost.mean() / shortest.mean()),
+        "best_saving": float(1 - (cost / shortest).min()),
         "gap": float(cost.mean() / bound.mean() - 1),
         "gap_ci95": _interval(means / bounds - 1),
         "regret_minutes": float(cost.mean() - bound.mean()),
@@ -256,9 +245,7 @@ HEADINGS = {column: heading for column, (heading, _) in _COLUMNS.items()}
 TEXT_COLUMNS = ("planner", "knows")
 """Columns that hold text; all others hold numbers."""
 
-PAPER_COLUMNS = (
-    "planner", "knows", "minutes", "minutes 95 %", "saved", "best map", "gap", "gap 95 %", "arrive",
-)  # fmt: skip
+PAPER_COLUMNS = ("planner", "knows", "minutes", "minutes 95 %", "saved", "best map", "gap", "gap 95 %", "arrive")
 """Columns of the tables about the paper."""
 
 

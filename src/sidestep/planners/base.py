@@ -1,7 +1,7 @@
 """The planner protocol, and the one way in which all planners walk."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -13,7 +13,6 @@ from jaxtyping import Array, Bool, Int, Key, PyTree
 
 from sidestep.environment.cost_to_go import check_known
 from sidestep.environment.dynamics import random_exit
-from sidestep.environment.observation import at_level
 from sidestep.environment.rollout import Walk, walk
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 
@@ -183,7 +182,7 @@ def walk_plan(
         Walks about which the environment's level knows nothing.
     """
     keys = jax.random.split(key, instances.origin.shape[0])
-    params = at_level(params, planner.observes)
+    params = replace(params, level=planner.observes)
     check_known(params, instances)
     return _walk_all(planner.decide, params, plan, instances, keys, trace)
 
