@@ -15,7 +15,7 @@ from sidestep.cli.console import new_table, print_table, progress
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
-    from sidestep.experiments.trade_off import TradeOffJson
+    from sidestep.experiments.trade_off import TradeOff
 
 
 def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: options.Json = False) -> None:
@@ -25,15 +25,15 @@ def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: op
     from sidestep.experiments.demo import CONFIG, demonstrate
     from sidestep.files import output_folder
 
-    output_folder(out)
+    picture = output_folder(out) / "map.png"
     with progress("training on one congested map", CONFIG.rounds, CONFIG.round_steps, "steps") as advance:
-        shown = demonstrate(out, seed, lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"))
-    results = shown.comparison.to_json()
+        compared = demonstrate(picture, seed, lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"))
+    results = compared.to_json()
     if as_json:
         print(json.dumps(results, indent=2))
         return
     show_results(results)
-    print(f"Map and routes: {shown.picture}")
+    print(f"Map and routes: {picture}")
 
 
 def reproduce(
@@ -119,7 +119,7 @@ def trade_off(
     if as_json:
         print(json.dumps({**found.to_json(), "picture": str(out)}, indent=2, ensure_ascii=False))
         return
-    show_trade_off(found.to_json())
+    show_trade_off(found)
     print(f"Picture: {out}")
 
 
@@ -133,13 +133,14 @@ def _weight(text: str) -> float:
     return weight
 
 
-def show_trade_off(found: "TradeOffJson") -> None:
+def show_trade_off(found: "TradeOff") -> None:
     """Print a trade-off between time and exposure as a table."""
-    head = f"{found['scenario']}, map 0, seed {found['seed']}: {found['walks']} walks for each weight of exposure"
+    scenario = found.scenario
+    head = f"{scenario.name}, map 0, seed {found.seed}: {found.walks} walks for each weight of exposure"
     columns = ("planner", ">weight", ">minutes", ">person·s/m² met", ">metres", ">arrive")
-    table = new_table(*columns, title="\n".join(filter(None, (head, found["summary"], found["synthetic"]))))
-    rows = [(name, point) for name, points in found["curves"].items() for point in points]
-    for name, point in (("shortest-path", found["shortest_path"]), *rows):
+    table = new_table(*columns, title="\n".join(filter(None, (head, scenario.summary, scenario.place.synthetic))))
+    rows = [(name, point) for name, points in found.curves.items() for point in points]
+    for name, point in (("shortest-path", found.shortest_path), *rows):
         table.add_row(
             name,
             "" if point["weight"] is None else f"{point['weight']:g}",

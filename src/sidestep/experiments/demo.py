@@ -1,6 +1,5 @@
 """The demonstration: one congested map, an agent that learns it, and the paths that planners then take."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -28,25 +27,13 @@ TRACE = 200
 """Most segments of a route that are drawn."""
 
 
-@dataclass(frozen=True)
-class Demonstration:
-    """The results of the demonstration."""
-
-    comparison: Comparison
-    darp: Darp
-    """The agent that was trained."""
-
-    picture: Path
-    """The file of the picture."""
-
-
-def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
+def demonstrate(picture: Path, seed: int, on_round: OnRound) -> Comparison:
     """Train on map 0 of a seed, compare all planners there, and draw the first of the test walks.
 
     Parameters
     ----------
-    out
-        Folder for the picture, ``map.png``.
+    picture
+        File for the picture (.png).
     seed
         Seed of the map, the crowds and the training.
     on_round
@@ -54,8 +41,8 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
 
     Returns
     -------
-    Demonstration
-        The comparison, the agent, and where the picture lies.
+    Comparison
+        Of the agent and the planners of the paper.
     """
     problem = scenario(SCENARIO)
     scenario_map = draw_map(problem, seed)
@@ -68,12 +55,7 @@ def demonstrate(out: Path, seed: int, on_round: OnRound) -> Demonstration:
         planner.name: routes(planner, params, walk, purpose_key(scenario_map, "test"), TRACE)[0]
         for planner in (find_planner(REFERENCE), darp, find_planner(BOUND))
     }
-    picture = out / "map.png"
     title = f"{problem.name}, map 0, seed {seed}: one walk through crowds that were not known beforehand"
-    plotting.save(
-        plotting.crowded_map(
-            title, params, np.asarray(scenario_map.flow.expected(jnp.zeros(1), 1).counted[0, 0]), shown
-        ),
-        picture,
-    )
-    return Demonstration(comparison, darp, picture)
+    volume = np.asarray(scenario_map.flow.expected(jnp.zeros(1), 1).counted[0, 0])
+    plotting.save(plotting.crowded_map(title, params, volume, shown), picture)
+    return comparison

@@ -51,20 +51,21 @@ Deviations from the paper, and what it leaves open:
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from sidestep import plotting
-from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.runs import train
-from sidestep.evaluation.compare import Comparison, Results, compare
+from sidestep.evaluation.compare import Results, compare
 from sidestep.experiments import report
 from sidestep.files import write_text
 from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, trained_darp
-from sidestep.planners.registry import PlannerFactory, choose_planners
+from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Flows, Scenario
@@ -114,15 +115,6 @@ QUICK = Plan(maps=2, literal_maps=1, literal_rounds=5, walks=5)
 
 
 @dataclass(frozen=True)
-class Condition:
-    """One condition with one kind of flow."""
-
-    comparison: Comparison
-    curves: dict[str, plotting.Curve]
-    """Learning curves of both presets."""
-
-
-@dataclass(frozen=True)
 class Reproduction:
     """All results, in the shape of ``results.json``."""
 
@@ -163,21 +155,19 @@ def reproduce(
     Reproduction
         Everything that was written.
     """
-    conditions = {}
-    for flows in FLOWS:
-        for name, scenario_name in CONDITIONS.items():
-            key = name if flows == "arima" else f"{name}_{flows}"
-            problem = scenario(scenario_name, flows=flows, rule=rule)
-            conditions[key] = _run(key, problem, plan, workers, on_map)
-    compared = {key: found.comparison.to_json() for key, found in conditions.items()}
-    pictures = {}
-    for key, found in conditions.items():
-        pictures[key] = out / f"{key.replace('_', '-')}.png"
-        _draw(key, compared[key], found.curves, pictures[key])
+    compared: dict[str, Results] = {}
+    learned: dict[str, dict[str, plotting.Curve]] = {}
+    for flows, (name, scenario_name) in product(FLOWS, CONDITIONS.items()):
+        key = name if flows == "arima" else f"{name}_{flows}"
+        problem = scenario(scenario_name, flows=flows, rule=rule)
+        compared[key], learned[key] = _run(key, problem, plan, workers, on_map)
+    pictures = {key: out / f"{key.replace('_', '-')}.png" for key in compared}
+    for key, picture in pictures.items():
+        _draw(key, compared[key], learned[key], picture)
     claims = report.claims(compared, plan.literal_rounds * PRESETS["paper"].round_steps)
     curves = {
-        key: {name: curve.minutes.mean(axis=0).tolist() for name, curve in found.curves.items()}
-        for key, found in conditions.items()
+        key: {name: curve.minutes.mean(axis=0).tolist() for name, curve in found.items()}
+        for key, found in learned.items()
     }
     results = Reproduction(compared, claims, curves)
     write_text(out / "results.json", json.dumps(results.to_json(), indent=2) + "\n")
@@ -185,42 +175,37 @@ def reproduce(
     return results
 
 
-def _run(key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable[[str], None]) -> Condition:
-    curves: dict[str, dict[int, np.ndarray]] = {Darp.name: {}, LITERAL: {}}
+def _run(
+    key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable[[str], None]
+) -> tuple[Results, dict[str, plotting.Curve]]:
+    """One condition with one kind of flow: its comparison, and the learning curves of both presets."""
+    learners = {
+        Darp.name: (PRESETS["default"].changed(rounds=plan.rounds), plan.maps),
+        LITERAL: (PRESETS["paper"].changed(rounds=plan.literal_rounds), plan.literal_maps),
+    }
+    minutes: dict[str, dict[int, np.ndarray]] = {name: {} for name in learners}
 
-    def trained(name: str, config: TrainConfig, maps: int) -> PlannerFactory:
-        def factory(_map: ScenarioMap, index: int) -> Planner | None:
-            if index >= maps:
-                return None
-            darp = trained_darp(train(problem, config, seed=plan.seed, index=index).model)
-            curves[name][index] = darp.curve.mean(axis=1)
-            return darp
+    def trained(name: str, _map: ScenarioMap, index: int) -> Planner | None:
+        config, maps = learners[name]
+        if index >= maps:
+            return None
+        darp = trained_darp(train(problem, config, seed=plan.seed, index=index).model)
+        minutes[name][index] = darp.curve.mean(axis=1)
+        return darp
 
-        return factory
-
-    ours = PRESETS["default"].changed(rounds=plan.rounds)
-    as_printed = PRESETS["paper"].changed(rounds=plan.literal_rounds)
-    comparison = compare(
+    compared = compare(
         problem,
-        choose_planners(problem, PLANNERS).factories
-        | {
-            Darp.name: trained(Darp.name, ours, plan.maps),
-            LITERAL: trained(LITERAL, as_printed, plan.literal_maps),
-        },
+        choose_planners(problem, PLANNERS).factories | {name: partial(trained, name) for name in learners},
         maps=range(plan.maps),
         walks=plan.walks,
         seed=plan.seed,
         workers=workers,
         on_map=lambda _index, _records: on_map(key),
     )
-    steps = {Darp.name: ours.round_steps, LITERAL: as_printed.round_steps}
-    return Condition(
-        comparison,
-        {
-            name: plotting.Curve(np.stack([found[index] for index in sorted(found)]), steps[name])
-            for name, found in curves.items()
-        },
-    )
+    return compared.to_json(), {
+        name: plotting.Curve(np.stack([found[index] for index in sorted(found)]), learners[name][0].round_steps)
+        for name, found in minutes.items()
+    }
 
 
 def _draw(key: str, compared: Results, curves: dict[str, plotting.Curve], path: Path) -> None:

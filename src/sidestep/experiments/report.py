@@ -22,9 +22,6 @@ img { max-width: 100%; margin: 1rem 0 } .note { color: #52606d; font-size: 0.92r
 """
 
 
-Rows = Mapping[str, Row]
-
-
 @dataclass(frozen=True)
 class Claim:
     """A claim of the paper, and what we found."""
@@ -56,67 +53,52 @@ def claims(results: Mapping[str, Results], literal_steps: int) -> list[Claim]:
     list of Claim
         In the order of the paper.
     """
-    free, jam = results["unblocked_forecast"]["planners"], results["congested_forecast"]["planners"]
-    noisy = results["congested"]["planners"]
-    return [*_savings(free, jam), *_minutes(free, jam), *_learning(free, jam, noisy, literal_steps)]
+    free, jam, noisy = (results[key]["planners"] for key in ("unblocked_forecast", "congested_forecast", "congested"))
+    darp_free, darp_jam, literal_free, literal_jam = free["darp"], jam["darp"], free["darp-paper"], jam["darp-paper"]
+    progress, walk = jam["random-progress"], jam["random-walk"]
+    of_progress, of_walk = (1 - darp_jam["mean_minutes"] / row["mean_minutes"] for row in (progress, walk))
 
+    def saving(row: Row) -> str:
+        return percent(row["saving_vs_shortest_path"])
 
-def _savings(free: Rows, jam: Rows) -> list[Claim]:
-    darp_free, darp_jam = free["darp"], jam["darp"]
-    bound_free, bound_jam = free["clairvoyant"], jam["clairvoyant"]
-    of_progress = 1 - darp_jam["mean_minutes"] / jam["random-progress"]["mean_minutes"]
-    of_walk = 1 - darp_jam["mean_minutes"] / jam["random-walk"]["mean_minutes"]
-    return [
-        Claim(
-            "Unblocked: saves up to 37.3 % of the shortest path's time in the best cases.",
-            f"Best map {percent(darp_free['best_saving'])}, mean {percent(darp_free['saving_vs_shortest_path'])}; "
-            f"the best possible walk saves {percent(bound_free['saving_vs_shortest_path'])} in the mean.",
-            _verdict(darp_free["best_saving"], 0.373, 0.06),
-            "Any optimal planner saves as much: it is a property of the maps. The distance to the bound counts.",
-        ),
-        Claim(
-            "Congested: saves 52.1 % of the shortest path's time.",
-            f"{percent(darp_jam['saving_vs_shortest_path'])} in the mean; the best possible walk saves "
-            f"{percent(bound_jam['saving_vs_shortest_path'])}.",
-            _verdict(darp_jam["saving_vs_shortest_path"], 0.521, 0.05),
-            "With four crowded nodes, which the paper does not say; with others it is another number.",
-        ),
-        Claim(
-            "Congested: saves 65.3 % of random selection's time (216 minutes, if DARP takes 75).",
-            f"{percent(of_progress)} of a random path of fewest segments "
-            f"({jam['random-progress']['mean_minutes']:.0f} minutes), {percent(of_walk)} of a random walk "
-            f"({jam['random-walk']['mean_minutes']:.0f} minutes or more: "
-            f"{percent(1 - jam['random-walk']['arrival_rate'])} had not arrived when the horizon was over).",
-            "holds" if min(abs(of_progress - 0.653), abs(of_walk - 0.653)) < 0.03 else "fails",
-            "Neither reading of random selection takes about 216 minutes.",
-        ),
-    ]
-
-
-def _minutes(free: Rows, jam: Rows) -> list[Claim]:
-    def ours(rows: Rows) -> str:
+    def minutes(rows: Mapping[str, Row]) -> str:
         darp, bound, shortest = (rows[name]["mean_minutes"] for name in ("darp", "clairvoyant", "shortest-path"))
         return f"-{darp:.0f} minutes (bound -{bound:.0f}, shortest path -{shortest:.0f})."
 
     return [
         Claim(
+            "Unblocked: saves up to 37.3 % of the shortest path's time in the best cases.",
+            f"Best map {percent(darp_free['best_saving'])}, mean {saving(darp_free)}; "
+            f"the best possible walk saves {saving(free['clairvoyant'])} in the mean.",
+            _verdict(darp_free["best_saving"], 0.373, 0.06),
+            "Any optimal planner saves as much: it is a property of the maps. The distance to the bound counts.",
+        ),
+        Claim(
+            "Congested: saves 52.1 % of the shortest path's time.",
+            f"{saving(darp_jam)} in the mean; the best possible walk saves {saving(jam['clairvoyant'])}.",
+            _verdict(darp_jam["saving_vs_shortest_path"], 0.521, 0.05),
+            "With four crowded nodes, which the paper does not say; with others it is another number.",
+        ),
+        Claim(
+            "Congested: saves 65.3 % of random selection's time (216 minutes, if DARP takes 75).",
+            f"{percent(of_progress)} of a random path of fewest segments ({progress['mean_minutes']:.0f} minutes), "
+            f"{percent(of_walk)} of a random walk ({walk['mean_minutes']:.0f} minutes or more: "
+            f"{percent(1 - walk['arrival_rate'])} had not arrived when the horizon was over).",
+            "holds" if min(abs(of_progress - 0.653), abs(of_walk - 0.653)) < 0.03 else "fails",
+            "Neither reading of random selection takes about 216 minutes.",
+        ),
+        Claim(
             "Unblocked: converges at about -67 after about 10 rounds.",
-            ours(free),
-            _verdict(free["darp"]["mean_minutes"], 67, 15),
+            minutes(free),
+            _verdict(darp_free["mean_minutes"], 67, 15),
             "One map more or less makes 15 minutes; the paper shows one. Read as minutes, the size agrees.",
         ),
         Claim(
             "Congested: about -75, hardly more than unblocked, after about 15 rounds.",
-            ours(jam),
-            _verdict(jam["darp"]["mean_minutes"], 75, 18),
+            minutes(jam),
+            _verdict(darp_jam["mean_minutes"], 75, 18),
             "A detour around four nodes costs a few minutes, so the walker hardly notices.",
         ),
-    ]
-
-
-def _learning(free: Rows, jam: Rows, noisy: Rows, literal_steps: int) -> list[Claim]:
-    literal_free, literal_jam = free["darp-paper"], jam["darp-paper"]
-    return [
         Claim(
             "The settings as printed (γ = 0.95, RMSProp 1e-4, position as x and y) learn this.",
             f"Congested, after {literal_steps:,} steps: {percent(literal_jam['arrival_rate'])} of the walks arrive, "

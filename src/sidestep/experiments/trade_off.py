@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -21,25 +21,6 @@ WALKS = 20
 CURVES = (BASELINE, BOUND)
 
 
-class TradeOffJson(TypedDict):
-    """The shape of ``trade-off --json``."""
-
-    scenario: str
-    summary: str
-
-    synthetic: str
-    """What is invented of its crowds; empty where nothing is."""
-
-    walks: int
-    seed: int
-
-    curves: dict[str, list[TradeOffPoint]]
-    """By planner, in the order of the weights."""
-
-    shortest_path: TradeOffPoint
-    attribution: str
-
-
 @dataclass(frozen=True)
 class TradeOff:
     """The results of :func:`trade_off`."""
@@ -53,11 +34,6 @@ class TradeOff:
     shortest_path: TradeOffPoint
 
     @property
-    def attribution(self) -> str:
-        """Whose streets they are; "" on grids."""
-        return attribution_of(self.scenario.place)
-
-    @property
     def title(self) -> str:
         """Heading of the picture."""
         shortest = self.shortest_path
@@ -69,11 +45,19 @@ class TradeOff:
     @property
     def caption(self) -> str:
         """Text below the picture: where crowds and streets come from."""
-        streets = self.attribution and f"Streets: {self.attribution}"
+        attribution = attribution_of(self.scenario.place)
+        streets = attribution and f"Streets: {attribution}"
         return "\n".join(filter(None, (self.scenario.summary, self.scenario.place.synthetic, streets)))
 
-    def to_json(self) -> TradeOffJson:
-        """Sum up in the shape of ``trade-off --json``."""
+    def to_json(self) -> dict[str, Any]:
+        """Sum up in the shape of ``trade-off --json``.
+
+        Returns
+        -------
+        dict
+            Plain numbers and texts. ``synthetic`` says what is invented of the crowds, and is empty where nothing is;
+            ``attribution`` says whose streets they are, and is empty on grids.
+        """
         return {
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,
@@ -82,7 +66,7 @@ class TradeOff:
             "seed": self.seed,
             "curves": self.curves,
             "shortest_path": self.shortest_path,
-            "attribution": self.attribution,
+            "attribution": attribution_of(self.scenario.place),
         }
 
 
@@ -129,15 +113,12 @@ def trade_off(
     chosen = {name: every[name] for name in every if name in (*names, REFERENCE)}
     base = scenario.objective.changed(measured=True)
     problems = {weight: scenario.changed(objective=base.changed(exposure=weight)) for weight in sorted(weights)}
-    curves: dict[str, list[TradeOffPoint]] = {name: [] for name in names}
-    shortest: list[TradeOffPoint] = []
+    records: dict[float, dict[str, Record]] = {}
     for weight, problem in problems.items():
-        records = compare(problem, chosen, maps=[0], walks=walks, seed=seed).records
-        for name in names:
-            curves[name].append(_point(weight, records[name]))
-        shortest.append(_point(None, records[REFERENCE]))
+        records[weight] = compare(problem, chosen, maps=[0], walks=walks, seed=seed).records
         on_weight(weight)
-    return TradeOff(scenario, walks, seed, curves, shortest[0])
+    curves = {name: [_point(weight, found[name]) for weight, found in records.items()] for name in names}
+    return TradeOff(scenario, walks, seed, curves, _point(None, records[min(weights)][REFERENCE]))
 
 
 def _point(weight: float | None, record: Record) -> TradeOffPoint:
