@@ -15,6 +15,8 @@ from sidestep.errors import SidestepError
 P = ParamSpec("P")
 Made = TypeVar("Made")
 LARGEST = 2**31  # bytes that one file may unpack to; a town of a million streets takes a tenth of it
+# What readers say of damaged files; a syntax error is XML's reader's, a runtime error OpenStreetMap's.
+DAMAGED = (zipfile.BadZipFile, zlib.error, SyntaxError, EOFError, LookupError, TypeError, ValueError, RuntimeError)
 
 
 class OutputError(SidestepError):
@@ -56,29 +58,34 @@ def write_text(path: Path, text: str) -> None:
 def reading(path: Path, error: type[SidestepError], holds: str) -> Iterator[BinaryIO]:
     """Open a file of numbers or XML; whatever a damaged one makes its reader say becomes one sentence of this kind.
 
-    ``holds`` completes "is damaged or holds no …".
+    Parameters
+    ----------
+    path
+        The file.
+    error
+        The kind of error.
+    holds
+        Completes "is damaged or holds no …".
+
+    Yields
+    ------
+    BinaryIO
+        The open file.
+
+    Raises
+    ------
+    SidestepError
+        Of the kind ``error``, with the line where the reader names one.
     """
     try:
         with path.open("rb") as file:
             yield file
     except error as found:
         raise error(f"{path}: {' '.join(str(found).split())}", field=found.field, line=found.line) from found
-    # A syntax error is what XML's reader calls a damaged file, a runtime error what OpenStreetMap's does.
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        SyntaxError,
-        EOFError,
-        LookupError,
-        TypeError,
-        ValueError,
-        RuntimeError,
-    ) as found:
+    except DAMAGED as found:
         said = " ".join(str(found).split()) or type(found).__name__
         line = re.search(r"\bline (\d+)", said)
-        raise error(
-            f"{path} is damaged or holds no {holds}: {said:.200}", line=None if line is None else int(line[1])
-        ) from found
+        raise error(f"{path} is damaged or holds no {holds}: {said:.200}", line=line and int(line[1])) from found
     except (AttributeError, OverflowError, MemoryError) as found:
         raise error(f"{path} is damaged or holds no {holds}: {type(found).__name__}") from found
     except OSError as found:
@@ -96,9 +103,20 @@ def check_unpacked(file: BinaryIO, error: type[SidestepError]) -> None:
 def cached_by_files(
     named: Callable[..., tuple[str, ...]], most: int = 4
 ) -> Callable[[Callable[P, Made]], Callable[P, Made]]:
-    """Keep what a function makes of its arguments for as long as the files that are ``named`` in them stay as they are.
+    """Keep what a function makes of its arguments for as long as the files that are named in them stay as they are.
 
-    ``most`` results are kept. A name need not be that of a file: then there is nothing that could change.
+    Parameters
+    ----------
+    named
+        Picks the names out of the arguments. A name need not be that of a file: then there is nothing that could
+        change.
+    most
+        How many results are kept.
+
+    Returns
+    -------
+    Callable
+        A decorator of the function.
     """
 
     def keeping(function: Callable[P, Made]) -> Callable[P, Made]:
