@@ -16,6 +16,7 @@ from sidestep.walking.speed_laws import FREE_SPEED
 EMPTY = 0.02
 """Persons/m² that make no difference to :attr:`sidestep.environment.types.Expected.log_density_ratio`."""
 Exits = Float[Array, " exit"]
+"""A number for each street that leaves the crossing."""
 
 
 def observe(params: EnvParams, state: EnvState) -> Observation:
@@ -23,15 +24,15 @@ def observe(params: EnvParams, state: EnvState) -> Observation:
 
     Level ``position``, the paper's, sees where the walker is, and which exits there are.
 
+    Parameters
+    ----------
+    params, state
+        The environment, and the walker in it.
+
     Returns
     -------
     Observation
-        With the level's own estimate, from level ``local`` on.
-
-    Raises
-    ------
-    ValueError
-        An environment that was made for a lower level.
+        From level ``local`` on with the level's own estimate.
     """
     network = params.network
     seen = Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0, state.steps)
@@ -74,7 +75,8 @@ def _local(params: EnvParams, state: EnvState) -> tuple[Local, Exits]:
         steps_since_visit=jnp.where(remembered.any(axis=1), 1 + jnp.argmax(remembered, axis=1), 1 + RECENT_NODES),
     )
     metres = jnp.linalg.norm(local.onward, axis=1)
-    speed, nobody = jnp.full_like(metres, FREE_SPEED), partial(jnp.zeros_like, metres)  # is met on streets not seen
+    # Nobody is met on streets that are not seen.
+    speed, nobody = jnp.full_like(metres, FREE_SPEED), partial(jnp.zeros_like, metres)
     empty = static_crossing(params.objective, metres, speed, nobody)
     return local, local.cost + empty.cost + _turning_back(params, local)
 
