@@ -45,8 +45,7 @@ def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], cl
     Crossing
         Time and cost, with the wait before the segment.
     """
-    speeds = params.futures.speeds.row(future, segment)
-    return cross_at_speeds(params, speeds, params.wait_in(future), segment, clock)
+    return cross_at_speeds(params, params.futures.speeds.row(future, segment), params.wait_in(future), segment, clock)
 
 
 def cross_at_speeds(
