@@ -23,9 +23,8 @@ def grid() -> RoadNetwork:
 
 
 def network_for(grid: RoadNetwork, name: str, seed: int = 0, **changes: object) -> DuelingQNetwork:
-    """A fresh network as a preset has it."""
-    config = PRESETS[name].changed(**changes)
-    return dueling_network(grid, jax.random.key(seed), hidden=config.hidden, one_hot=config.one_hot, unit=config.unit)
+    """A fresh network as a preset has it, but with dueling heads in any case."""
+    return dueling_network(PRESETS[name].changed(dueling=True, **changes), grid, jax.random.key(seed))
 
 
 def everywhere(grid: RoadNetwork) -> Observation:

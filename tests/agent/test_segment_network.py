@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from sidestep.agent.policy import Policy
+from sidestep.agent.presets import preset
 from sidestep.agent.segment_network import Places, SegmentQNetwork, segment_network
 from sidestep.environment.dynamics import reset
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
-from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import routes
 from sidestep.planners.learned import Darp
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap
@@ -40,23 +40,14 @@ def rush() -> Rush:
     return small, scenario_map, make_environment(small, scenario_map, "test", 8, level="live")
 
 
-def fresh(network: RoadNetwork, level: str, **changes) -> SegmentQNetwork:
-    settings = dict(
-        hidden=(8, 8),
-        places=3,
-        bins=4,
-        bin_seconds=1800.0,
-        dueling=True,
-        potential=True,
-        reward_seconds=UNIT_SECONDS,
-        unit=10.0,
-    )
-    return segment_network(network, KEY, level=level, **(settings | changes))
+def fresh(rush: Rush, level: str, **changes) -> SegmentQNetwork:
+    config = preset("default", level).changed(**({"hidden": (8, 8), "places": 3} | changes))
+    return segment_network(config, rush[0], rush[2].network, KEY)
 
 
-def trained(network: RoadNetwork, level: str, **changes) -> SegmentQNetwork:
+def trained(rush: Rush, level: str, **changes) -> SegmentQNetwork:
     """As if trained: random last layers and tolls."""
-    made = fresh(network, level, **changes)
+    made = fresh(rush, level, **changes)
     last = [made.value[-1].weight, made.advantage[-1].weight]
     made = eqx.tree_at(
         lambda net: [net.value[-1].weight, net.advantage[-1].weight],
@@ -112,14 +103,14 @@ def each_exit(seen: Observation, change: Callable[[jax.Array], jax.Array]) -> Ob
 @pytest.mark.parametrize(("places", "dueling"), [(0, False), (3, True)])
 def test_untrained_it_is_its_levels_estimate(rush, sights, level: str, places: int, dueling: bool) -> None:
     seen = sights[level]
-    q = values(fresh(rush[2].network, level, places=places, dueling=dueling), seen)
+    q = values(fresh(rush, level, places=places, dueling=dueling), seen)
     assert q.shape == (15, 4)
     # minutes, no constant beside
     np.testing.assert_allclose(q, -seen.estimate / UNIT_SECONDS, rtol=1e-6)
 
 
 def test_without_potential_it_knows_nothing(rush, sights) -> None:
-    assert (values(fresh(rush[2].network, "map", potential=False), sights["map"]) == 0).all()
+    assert (values(fresh(rush, "map", potential=False), sights["map"]) == 0).all()
 
 
 @pytest.mark.parametrize(
@@ -128,7 +119,7 @@ def test_without_potential_it_knows_nothing(rush, sights) -> None:
 def test_untrained_it_walks_as_its_levels_greedy_planner(rush, level: str, planner) -> None:
     small, scenario_map, params = rush
     todo = instances(small, scenario_map, params, 20)
-    network = fresh(rush[2].network, level)
+    network = fresh(rush, level)
     found = routes(Darp(Policy(network), np.zeros((0, 10), np.float32), level), params, todo, KEY, 40)
     assert found == routes(planner, params, todo, KEY, 40)
     assert len({route.nodes for route in found}) > 1
@@ -137,7 +128,7 @@ def test_untrained_it_walks_as_its_levels_greedy_planner(rush, level: str, plann
 def test_without_potential_it_does_not(rush) -> None:
     small, scenario_map, params = rush
     todo = instances(small, scenario_map, params, 20)
-    network = fresh(rush[2].network, "map", potential=False)
+    network = fresh(rush, "map", potential=False)
     found = routes(Darp(Policy(network), np.zeros((0, 10), np.float32), "map"), params, todo, KEY, 40)
     # All are worth the same, so it takes the first exit, up, as far as it goes, and then paces.
     assert {route.nodes[:6] for route in found} == {(0, 4, 8, 12, 8, 12)}
@@ -148,7 +139,7 @@ def test_level_position_has_no_streets_to_score(rush) -> None:
     params = rush[2]
     _, seen = reset(replace(params, level="position"), Instance(*map(jnp.int32, (0, 15)), jnp.float32(0), jnp.int32(0)))
     with pytest.raises(ValueError, match="from level local on"):
-        fresh(params.network, "local")(seen)
+        fresh(rush, "local")(seen)
 
 
 # --- Trained --------------------------------------------------------------------------------------------------------
@@ -157,7 +148,7 @@ def test_level_position_has_no_streets_to_score(rush) -> None:
 @pytest.mark.parametrize("level", LEVELS)
 def test_trained_it_corrects_the_estimate(rush, sights, level: str) -> None:
     seen = sights[level]
-    network = trained(rush[2].network, level)
+    network = trained(rush, level)
     q = values(network, seen)
     assert jnp.isfinite(q).all(where=seen.valid)
     # With and without potential the same correction, which differs from exit to exit.
@@ -169,7 +160,7 @@ def test_trained_it_corrects_the_estimate(rush, sights, level: str) -> None:
 
 def test_dueling_the_value_is_the_mean_of_the_corrections(rush, sights) -> None:
     seen = sights["map"]
-    network = trained(rush[2].network, "map", places=0, potential=False)
+    network = trained(rush, "map", places=0, potential=False)
     shifted = eqx.tree_at(lambda net: net.value[-1].bias, network, jnp.array([0.7]))
     # Another value shifts all exits by 10 units of .7; a constant advantage shifts none.
     np.testing.assert_allclose(values(shifted, seen) - values(network, seen), 7.0, atol=1e-3)
@@ -185,7 +176,7 @@ def test_dueling_the_value_is_the_mean_of_the_corrections(rush, sights) -> None:
 
 def test_a_toll_counts_directly(rush, sights) -> None:
     seen = sights["map"]
-    network = fresh(rush[2].network, "map", dueling=False)
+    network = fresh(rush, "map", dueling=False)
     tolled = eqx.tree_at(lambda net: net.places.table, network, network.places.table.at[:, 5, 0].set(-0.3))
     # Ten units of -.3 for every exit that leads to node 5, at any time.
     q, tolls = values(network, seen), values(tolled, seen)
@@ -209,7 +200,7 @@ def test_exits_that_do_not_exist_do_not_matter(rush, sights, level: str) -> None
         where = absent.reshape(*absent.shape, *[1] * (leaf.ndim - 2))
         return jnp.where(where, jnp.asarray(garbage, leaf.dtype), leaf)
 
-    network = trained(rush[2].network, level)
+    network = trained(rush, level)
     slope, q = gradient(network, seen)
     # Units are not learned.
     assert (float(slope.metres), float(slope.seconds)) == (0, 0)
@@ -228,7 +219,7 @@ def test_exits_that_do_not_exist_do_not_matter(rush, sights, level: str) -> None
 @pytest.mark.parametrize("level", LEVELS)
 def test_the_order_of_exits_does_not_matter(rush, sights, level: str) -> None:
     seen = sights[level]
-    network, order = trained(rush[2].network, level), jnp.array([2, 0, 3, 1])
+    network, order = trained(rush, level), jnp.array([2, 0, 3, 1])
     turned = values(network, each_exit(seen, lambda leaf: leaf[:, order]))
     valid = np.asarray(seen.valid[:, order])
     np.testing.assert_allclose(
@@ -239,7 +230,7 @@ def test_the_order_of_exits_does_not_matter(rush, sights, level: str) -> None:
 @pytest.mark.parametrize("dueling", [True, False])
 def test_the_number_of_exits_does_not_matter(rush, sights, dueling: bool) -> None:
     seen = sights["live"]
-    network = trained(rush[2].network, "live", dueling=dueling)
+    network = trained(rush, "live", dueling=dueling)
     q = np.asarray(values(network, seen))
     counts = np.asarray(seen.valid).sum(axis=1)
     assert set(counts.tolist()) == {2, 3, 4}
@@ -281,10 +272,10 @@ def test_places_are_linear_in_time(node: int, clock: float, numbers: list[float]
 
 def test_places_are_remembered_where_streets_lead_and_when(rush) -> None:
     params = replace(rush[2], level="local")
-    network = fresh(rush[2].network, "local", dueling=False, potential=False)
-    # Node 1 costs a unit in the bin at 1,800 s, and nothing at 0 and at 3,600 s.
-    network = eqx.tree_at(lambda net: net.places.table, network, network.places.table.at[1, 1, 0].set(1.0))
+    network = fresh(rush, "local", dueling=False, potential=False)
+    # Node 1 costs a unit in the bin at 1,800 s, and nothing at 900 s and at 2,700 s.
+    network = eqx.tree_at(lambda net: net.places.table, network, network.places.table.at[2, 1, 0].set(1.0))
     _, seen = reset(params, Instance(*map(jnp.int32, (0, 15)), jnp.float32(600), jnp.int32(0)))
-    seen = replace(seen, local=replace(seen.local, crossing=jnp.full(4, 750.0)))
-    # Node 1 is to the right (exit 2), reached at 600 + 750 = 1,350 s, three quarters of the way to the bin.
+    seen = replace(seen, local=replace(seen.local, crossing=jnp.full(4, 975.0)))
+    # Node 1 is to the right (exit 2), reached at 600 + 975 = 1,575 s, three quarters of the way to the bin.
     assert values(network, jax.tree.map(lambda leaf: leaf[None], seen))[0].tolist() == [0, 0, pytest.approx(7.5), 0]

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from sidestep.agent.policy import Policy
+from sidestep.agent.presets import PRESETS
 from sidestep.agent.q_networks import dueling_network
 from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork, road_network
@@ -36,7 +37,7 @@ def crowded_grid(make_params, seed: int = 0) -> EnvParams:
 
 
 def untrained(params: EnvParams) -> Darp:
-    network = dueling_network(params.network, KEY, hidden=(8,), one_hot=True, unit=1.0)
+    network = dueling_network(PRESETS["default"].changed(hidden=(8,), unit=1.0), params.network, KEY)
     return Darp(Policy(network), np.zeros((0, 10), np.float32))
 
 

@@ -1,7 +1,6 @@
 """What learns Q-values of exits: the paper's dueling network, a table, or a network that scores segments."""
 
 import itertools
-import math
 
 import equinox as eqx
 import jax
@@ -14,9 +13,6 @@ from sidestep.agent.segment_network import SegmentQNetwork, segment_network
 from sidestep.environment.types import Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.model import Scenario
-
-BIN_SECONDS = 900.0
-"""Time between two bins of what is learned of places, s."""
 
 
 class DuelingQNetwork(eqx.Module):
@@ -72,54 +68,58 @@ QNetwork = DuelingQNetwork | QTable | SegmentQNetwork
 """All of them are functions of an observation that give one value per exit."""
 
 
-def dueling_network(
-    network: RoadNetwork,
-    key: Key[Array, ""],
-    *,
-    hidden: tuple[int, ...],
-    one_hot: bool,
-    unit: float,
-    dueling: bool = True,
-) -> DuelingQNetwork:
+def dueling_network(config: TrainConfig, network: RoadNetwork, key: Key[Array, ""]) -> DuelingQNetwork:
     """Initialise a dueling network for one map.
 
     With ``one_hot`` the input is x and y in [-1, 1] and the crossing itself, one-hot; without it, the paper's
     coordinates in blocks, [0, N] (eq. 10).
+
+    Parameters
+    ----------
+    config
+        Widths and inputs.
+    network
+        The map's streets.
+    key
+        Random stream of the initial weights.
+
+    Returns
+    -------
+    DuelingQNetwork
+        With weights and biases uniform in ±1/√inputs.
     """
     low, high = network.position.min(axis=0), network.position.max(axis=0)
     extent = jnp.maximum(high - low, 1.0)
-    if one_hot:
-        offset, scale = (low + high) / 2, 2 / extent
+    if config.one_hot:
+        offset, scale, crossings = (low + high) / 2, 2 / extent, network.nodes
     else:
         blocks = jnp.sqrt(network.nodes) - 1
-        offset, scale = low, blocks / extent
-    crossings = network.nodes if one_hot else 0
-    widths = (2 + crossings, *hidden)
-    *trunk, value, advantage = uniform_layers(
-        [*itertools.pairwise(widths), (widths[-1], 1), (widths[-1], network.exits)], key
-    )
-    return DuelingQNetwork(offset, scale, tuple(trunk), value, advantage, crossings, unit, dueling)
+        offset, scale, crossings = low, blocks / extent, 0
+    widths = (2 + crossings, *config.hidden)
+    shapes = [*itertools.pairwise(widths), (widths[-1], 1), (widths[-1], network.exits)]
+    *trunk, value, advantage = uniform_layers(shapes, key)
+    return DuelingQNetwork(offset, scale, tuple(trunk), value, advantage, crossings, config.unit, config.dueling)
 
 
 def untrained(config: TrainConfig, scenario: Scenario, network: RoadNetwork, key: Key[Array, ""]) -> QNetwork:
-    """Initialise what a configuration learns on one map."""
+    """Initialise what a configuration learns on one map.
+
+    Parameters
+    ----------
+    config, scenario
+        How it learns, and what.
+    network
+        The map's streets.
+    key
+        Random stream of the initial weights.
+
+    Returns
+    -------
+    QNetwork
+        A table, or a network for the configuration's level.
+    """
     if config.table:
         return QTable(jnp.zeros((network.nodes, network.exits)))
     if config.level == "position":
-        return dueling_network(
-            network, key, hidden=config.hidden, one_hot=config.one_hot, unit=config.unit, dueling=config.dueling
-        )
-    return segment_network(
-        network,
-        key,
-        level=config.level,
-        sensed=scenario.place.interpolated,
-        hidden=config.hidden,
-        places=config.places,
-        bins=1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS),
-        bin_seconds=BIN_SECONDS,
-        dueling=config.dueling,
-        potential=config.potential,
-        reward_seconds=scenario.reward.unit_seconds,
-        unit=config.unit,
-    )
+        return dueling_network(config, network, key)
+    return segment_network(config, scenario, network, key)

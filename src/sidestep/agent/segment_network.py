@@ -1,15 +1,21 @@
 """A dueling Q-network that scores segment by segment, for any number of segments, origins, destinations and maps."""
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
+from sidestep.agent.config import TrainConfig
 from sidestep.agent.layers import Linear, combine, through, zero_ended_layers
-from sidestep.environment.types import RECENT_NODES, Expected, Live, Local, Observation
+from sidestep.environment.types import RECENT_NODES, Local, Observation
 from sidestep.network.graph import RoadNetwork
+from sidestep.scenarios.model import Scenario
 from sidestep.walking.speed_laws import FREE_SPEED
 
+BIN_SECONDS = 900.0
+"""Time between two bins of what is learned of places, s."""
 CLOCK_SECONDS = 4 * 3600.0
 """Unit of clocks, s."""
 FAR = 10.0
@@ -78,28 +84,14 @@ class SegmentQNetwork(eqx.Module):
     ) -> tuple[Float[Array, " state"], Float[Array, "exit feature"]]:
         """Inputs of about unit size: those of the state, and those of each segment that leaves."""
         least = jnp.min(jnp.where(seen.valid, estimate, jnp.inf))
-        state, segments = self._local(seen, local, estimate, least)
-        if seen.expected is not None:
-            more_state, more = self._map(seen, local, seen.expected, least)
-            state, segments = state + more_state, segments + more
-        if seen.live is not None:
-            segments += self._live(local, seen.expected, seen.live, estimate, least)
-        segments = [jnp.where(seen.valid, each, 0.0) for each in segments]
-        return jnp.concatenate(state), jnp.stack(segments, axis=1)
-
-    def _local(
-        self, seen: Observation, local: Local, estimate: Float[Array, " exit"], least: Float[Array, ""]
-    ) -> tuple[list[Array], list[Array]]:
-        """What level ``local`` observes."""
         far = jnp.linalg.norm(local.ahead)
         onward = jnp.linalg.norm(local.onward, axis=1)
+        exits = seen.valid.sum()
         state = [
-            jnp.stack(
-                [local.clock / CLOCK_SECONDS, far / self.metres / 10, least / self.seconds / 10, seen.valid.sum() / 4]
-            ),
+            jnp.stack([local.clock / CLOCK_SECONDS, far / self.metres / 10, least / self.seconds / 10, exits / 4]),
             local.ahead / jnp.maximum(far, 1.0),
         ]
-        return state, [
+        segments = [
             jnp.log(local.cost / self.seconds),
             jnp.log(local.cost * FREE_SPEED / local.length),
             local.length / self.metres - 1,
@@ -109,79 +101,74 @@ class SegmentQNetwork(eqx.Module):
             (local.steps_since_visit == 1).astype(float),
             jnp.where(local.steps_since_visit <= RECENT_NODES, 1 - local.steps_since_visit / (1 + RECENT_NODES), 0.0),
         ]
-
-    def _map(
-        self, seen: Observation, local: Local, expected: Expected, least: Float[Array, ""]
-    ) -> tuple[list[Array], list[Array]]:
-        """What level ``map`` observes beside level ``local``."""
-        segments = [
-            jnp.log(expected.cost / self.seconds),
-            jnp.log(local.cost / expected.cost),
-            self._cut_off(expected.to_go - least),
-        ]
-        if expected.log_density_ratio is None or expected.cost_to_go_scaled is None:
-            return [], segments
-        scaled = jnp.clip(expected.cost_to_go_scaled / self.seconds, -FAR, FAR) / 3
-        least_scaled = jnp.min(jnp.where(seen.valid, scaled, jnp.inf))
-        mean_ratio = jnp.sum(jnp.where(seen.valid, expected.log_density_ratio, 0.0)) / seen.valid.sum()
-        return [mean_ratio[None]], [*segments, expected.log_density_ratio, scaled, (scaled - least_scaled) * mean_ratio]
-
-    def _live(
-        self,
-        local: Local,
-        expected: Expected | None,
-        live: Live,
-        estimate: Float[Array, " exit"],
-        least: Float[Array, ""],
-    ) -> list[Array]:
-        """What level ``live`` observes beside level ``map``."""
-        segments = [self._cut_off(live.snapshot - least), self._cut_off(live.snapshot - estimate)]
-        if expected is not None:
-            segments.append(self._cut_off(local.cost + expected.to_go - estimate))
-        return segments
+        expected, live = seen.expected, seen.live
+        if expected is not None:  # from level map on
+            segments += [
+                jnp.log(expected.cost / self.seconds),
+                jnp.log(local.cost / expected.cost),
+                self._cut_off(expected.to_go - least),
+            ]
+            if expected.log_density_ratio is not None and expected.cost_to_go_scaled is not None:
+                ratio, scaled = expected.log_density_ratio, self._cut_off(expected.cost_to_go_scaled)
+                least_scaled = jnp.min(jnp.where(seen.valid, scaled, jnp.inf))
+                mean_ratio = jnp.sum(jnp.where(seen.valid, ratio, 0.0)) / exits
+                state.append(mean_ratio[None])
+                segments += [ratio, scaled, (scaled - least_scaled) * mean_ratio]
+            if live is not None:
+                ahead = live.snapshot - least, live.snapshot - estimate, local.cost + expected.to_go - estimate
+                segments += map(self._cut_off, ahead)
+        segments = [jnp.where(seen.valid, each, 0.0) for each in segments]
+        return jnp.concatenate(state), jnp.stack(segments, axis=1)
 
     def _cut_off(self, seconds: Float[Array, " exit"]) -> Float[Array, " exit"]:
         return jnp.clip(seconds / self.seconds, -FAR, FAR) / 3
 
 
 STATE = 6
+"""Features of the state; from level ``map`` on there is one more where crowds are interpolated."""
 SEGMENT = {"local": 8, "map": 11, "live": 14}
-SENSED = {"local": (0, 0), "map": (1, 3), "live": (1, 3)}  # more of both where crowds are known from sensors
+"""Features of each segment by level; from level ``map`` on there are three more where crowds are interpolated."""
 
 
 def segment_network(
-    network: RoadNetwork,
-    key: Key[Array, ""],
-    *,
-    level: str,
-    sensed: bool = False,
-    hidden: tuple[int, ...],
-    places: int,
-    bins: int,
-    bin_seconds: float,
-    dueling: bool,
-    potential: bool,
-    reward_seconds: float,
-    unit: float,
+    config: TrainConfig, scenario: Scenario, network: RoadNetwork, key: Key[Array, ""]
 ) -> SegmentQNetwork:
-    """Initialise a segment network; its last layers are zero."""
-    metres = jnp.mean(network.length)
+    """Initialise a segment network; its last layers are zero.
+
+    Parameters
+    ----------
+    config
+        Widths, and what is remembered of places.
+    scenario
+        How long its walks may take, its unit of reward, and whether its crowds are interpolated.
+    network
+        The map's streets.
+    key
+        Random stream of the initial weights.
+
+    Returns
+    -------
+    SegmentQNetwork
+        Untrained, it walks as its level's greedy planner.
+    """
     table_key, key = jax.random.split(key)
-    table = None
-    if places:
-        numbers = 0.3 * jax.random.normal(table_key, (bins, network.nodes, places))
-        table = Places(numbers.at[..., 0].set(0.0), bin_seconds)
+    places = None
+    if config.places:
+        bins = 1 + math.ceil(scenario.slots * scenario.slot_seconds / BIN_SECONDS)
+        numbers = 0.3 * jax.random.normal(table_key, (bins, network.nodes, config.places))
+        places = Places(numbers.at[..., 0].set(0.0), BIN_SECONDS)
     value_key, advantage_key = jax.random.split(key)
-    more_state, more_segment = SENSED[level] if sensed else (0, 0)
-    state, segment = STATE + more_state, SEGMENT[level] + more_segment
+    more = scenario.place.interpolated and config.level != "local"
+    state, segment = STATE + more, SEGMENT[config.level] + 3 * more
+    metres = jnp.mean(network.length)
     return SegmentQNetwork(
         metres=metres,
         seconds=metres / FREE_SPEED,
-        places=table,
-        value=zero_ended_layers((state + places, *hidden, 1), value_key),
-        advantage=zero_ended_layers((state + segment + 2 * places, *hidden, 1), advantage_key),
-        reward_seconds=reward_seconds,
-        unit=unit,
-        dueling=dueling,
-        potential=potential,
+        places=places,
+        value=zero_ended_layers((state + config.places, *config.hidden, 1), value_key),
+        advantage=zero_ended_layers((state + segment + 2 * config.places, *config.hidden, 1), advantage_key),
+        reward_seconds=scenario.reward.unit_seconds,
+        unit=config.unit,
+        dueling=config.dueling,
+        potential=config.potential,
     )
