@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from sidestep.agent.td import double_q_learning, mask, q_learning
+from sidestep.agent.td import mask, q_learning
 
 Q_TM1 = jnp.array([1.0, 2.0, 3.0, 4.0])
 Q_T = jnp.array([4.0, 5.0, 6.0, 90.0])
@@ -22,17 +22,19 @@ def test_mask() -> None:
 
 def test_q_learning() -> None:
     # .5 + .9 * 5 - 2 = 3: the 6 and the 90 belong to exits that do not exist
-    np.testing.assert_allclose(q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, VALID_T), 3, rtol=1e-6)
+    td_error = q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, Q_T, VALID_T)
+    np.testing.assert_allclose(td_error, 3, rtol=1e-6)
     # With all exits .5 + .9 * 90 - 2 = 79.5
-    np.testing.assert_allclose(q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, VALID_T | True), 79.5, rtol=1e-6)
+    td_error = q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, Q_T, VALID_T | True)
+    np.testing.assert_allclose(td_error, 79.5, rtol=1e-6)
 
 
 def test_double_q_learning() -> None:
-    # The selector's best valid exit is 0, where the target network says 4: .5 + .9 * 4 - 2 = 2.1, not q_learning's 3.
-    td_error = double_q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, SELECTOR_T, VALID_T)
+    # The selector's best valid exit is 0, where the target network says 4: .5 + .9 * 4 - 2 = 2.1, not the single 3.
+    td_error = q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, SELECTOR_T, VALID_T)
     np.testing.assert_allclose(td_error, 2.1, rtol=1e-6)
     # With all exits the selector takes exit 3: .5 + .9 * 90 - 2 = 79.5
-    td_error = double_q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, SELECTOR_T, VALID_T | True)
+    td_error = q_learning(Q_TM1, A_TM1, R_T, jnp.float32(0.9), Q_T, SELECTOR_T, VALID_T | True)
     np.testing.assert_allclose(td_error, 79.5, rtol=1e-6)
 
 
@@ -40,15 +42,23 @@ def test_double_q_learning() -> None:
 def test_after_the_end_only_the_reward_counts(action: int) -> None:
     end, a_tm1 = jnp.float32(0), jnp.int32(action)
     # .5 - (1 + action)
-    assert q_learning(Q_TM1, a_tm1, R_T, end, Q_T, VALID_T) == -0.5 - action
-    assert double_q_learning(Q_TM1, a_tm1, R_T, end, Q_T, SELECTOR_T, VALID_T) == -0.5 - action
+    assert q_learning(Q_TM1, a_tm1, R_T, end, Q_T, Q_T, VALID_T) == -0.5 - action
+    assert q_learning(Q_TM1, a_tm1, R_T, end, Q_T, SELECTOR_T, VALID_T) == -0.5 - action
 
 
 numbers = st.floats(-100, 100, width=32)
 fours = st.lists(numbers, min_size=4, max_size=4)
 exits = st.lists(st.booleans(), min_size=4, max_size=4).filter(any)
-single = jax.jit(q_learning)
-double = jax.jit(double_q_learning)
+double = jax.jit(q_learning)
+
+
+@jax.jit
+def single(
+    q_tm1: jax.Array, a_tm1: jax.Array, r_t: jax.Array, discount_t: jax.Array, q_t: jax.Array, valid_t: jax.Array
+) -> jax.Array:
+    """As printed (eqs. 16 and 17): the maximum of the target network's values."""
+    largest = jnp.max(mask(q_t, valid_t))
+    return r_t + jnp.where(discount_t > 0, discount_t * largest, 0.0) - q_tm1[a_tm1]
 
 
 @settings(max_examples=100)
@@ -62,7 +72,8 @@ def test_double_is_at_most_single_and_ignores_missing_exits(
     assert two <= one + 1e-4
     assert abs(double(*shared, target, target, valid) - one) < 1e-4  # who selects for himself gets the maximum
     garbage = jnp.array(noise)
-    assert single(*shared, jnp.where(valid, target, garbage), valid) == one
+    garbled = jnp.where(valid, target, garbage)
+    assert double(*shared, garbled, garbled, valid) == double(*shared, target, target, valid)
     assert double(*shared, jnp.where(valid, target, garbage), jnp.where(valid, selector, garbage), valid) == two
 
 
@@ -87,10 +98,9 @@ def test_vmap_equals_a_loop() -> None:
     discount_t = jnp.asarray(rng.choice([0, 0.95], 20), jnp.float32)
     valid_t = jnp.asarray(rng.random((20, 4)) < 0.6).at[:, 0].set(True)
     batch = (q_tm1, a_tm1, r_t, discount_t, q_t)
-    looped = [q_learning(*(leaf[i] for leaf in batch), valid_t[i]) for i in range(20)]
-    np.testing.assert_allclose(jax.vmap(q_learning)(*batch, valid_t), looped, rtol=1e-6, atol=1e-6)
-    looped = [double_q_learning(*(leaf[i] for leaf in batch), selector_t[i], valid_t[i]) for i in range(20)]
-    np.testing.assert_allclose(jax.vmap(double_q_learning)(*batch, selector_t, valid_t), looped, rtol=1e-6, atol=1e-6)
+    for chooses in (q_t, selector_t):
+        looped = [q_learning(*(leaf[i] for leaf in batch), chooses[i], valid_t[i]) for i in range(20)]
+        np.testing.assert_allclose(jax.vmap(q_learning)(*batch, chooses, valid_t), looped, rtol=1e-6, atol=1e-6)
 
 
 def test_a_destination_without_exits_ends_the_episode_all_the_same() -> None:
@@ -98,5 +108,5 @@ def test_a_destination_without_exits_ends_the_episode_all_the_same() -> None:
     nowhere = jnp.zeros(2, bool)
     q_tm1, nothing = jnp.array([2.0, 7.0]), jnp.zeros(2)
     common = (q_tm1, jnp.int32(0), jnp.float32(-3), jnp.float32(0))
-    assert float(q_learning(*common, nothing, nowhere)) == -5
-    assert float(double_q_learning(*common, nothing, nothing, nowhere)) == -5
+    for q_t in (nothing, nothing - jnp.inf):
+        assert float(q_learning(*common, q_t, nothing, nowhere)) == -5

@@ -12,7 +12,7 @@ from sidestep.agent.acting import Transition
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.q_networks import QNetwork
 from sidestep.agent.replay import Replay, reprioritise, sample
-from sidestep.agent.td import double_q_learning, q_learning
+from sidestep.agent.td import q_learning
 
 
 class Learner(eqx.Module):
@@ -31,21 +31,29 @@ def start_learner(config: TrainConfig, q_network: QNetwork) -> Learner:
 
 
 def optimiser(config: TrainConfig) -> optax.GradientTransformation:
-    """The optimiser of a configuration, with its falling learning rate.
+    """Make the optimiser of a configuration, with its falling learning rate.
+
+    Parameters
+    ----------
+    config
+        Rule, learning rates, and the number of gradient steps in all.
+
+    Returns
+    -------
+    optax.GradientTransformation
+        It works on one vector of all parameters instead of a dozen arrays: a third less to compile.
 
     References
     ----------
     Eqs. 22 and 23 of the paper for RMSProp, which here divides by √g + σ.
     """
-    steps = config.rounds * config.iterations
-    rate = optax.linear_schedule(config.learning_rate, config.learning_rate_end, steps)
-    if config.optimiser == "rmsprop":
-        rule = optax.rmsprop(rate, decay=config.decay, eps=config.damping, eps_in_sqrt=False)
-    elif config.optimiser == "sgd":
-        rule = optax.sgd(rate)
-    else:
-        rule = optax.adam(rate)
-    return optax.flatten(rule)  # one vector instead of a dozen arrays: a third less to compile
+    rules = {
+        "rmsprop": partial(optax.rmsprop, decay=config.decay, eps=config.damping, eps_in_sqrt=False),
+        "adam": optax.adam,
+        "sgd": optax.sgd,
+    }
+    rate = optax.linear_schedule(config.learning_rate, config.learning_rate_end, config.rounds * config.iterations)
+    return optax.flatten(rules[config.optimiser](rate))
 
 
 def learn(
@@ -57,7 +65,29 @@ def learn(
 ) -> tuple[Learner, Replay[Transition], Float[Array, ""]]:
     """Take one gradient step on a batch of the replay, and move the target network when its time has come.
 
-    Returns the learner, the replay with new priorities, and the mean loss in reward².
+    Parameters
+    ----------
+    config
+        How to learn.
+    learner, replay
+        What has been learned, and what it is learned from.
+    iteration
+        Gradient steps that have been taken before.
+    draws
+        Uniform numbers that choose the batch.
+
+    Returns
+    -------
+    learner
+        After the step.
+    replay
+        With new priorities.
+    loss
+        Weighted mean over the batch, reward².
+
+    References
+    ----------
+    Eqs. 17 and 18 of the paper; Schaul et al. 2016, "Prioritized experience replay", for the weights.
     """
     index, batch, weight = sample(replay, draws, config.beta)
 
@@ -78,10 +108,6 @@ def learn(
 
 def td_error(config: TrainConfig, q_network: QNetwork, target: QNetwork, item: Transition) -> Float[Array, ""]:
     """Temporal-difference error of one transition, in units of reward."""
-    q_tm1 = q_network(item.observation_tm1)
-    q_t = target(item.observation_t)
-    valid_t = item.observation_t.valid
-    if config.double:
-        selector_t = jax.lax.stop_gradient(q_network(item.observation_t))
-        return double_q_learning(q_tm1, item.a_tm1, item.r_t, item.discount_t, q_t, selector_t, valid_t)
-    return q_learning(q_tm1, item.a_tm1, item.r_t, item.discount_t, q_t, valid_t)
+    q_tm1, q_t = q_network(item.observation_tm1), target(item.observation_t)
+    selector_t = jax.lax.stop_gradient(q_network(item.observation_t)) if config.double else q_t
+    return q_learning(q_tm1, item.a_tm1, item.r_t, item.discount_t, q_t, selector_t, item.observation_t.valid)

@@ -52,5 +52,10 @@ def deployed(config: TrainConfig, q_network: QNetwork, reward_seconds: float) ->
         What was learned.
     reward_seconds
         Seconds of cost in one unit of reward.
+
+    Returns
+    -------
+    Policy
+        With margins in units of reward.
     """
     return Policy(q_network, config.correction_margin_seconds / reward_seconds, config.estimate_when_revisiting)

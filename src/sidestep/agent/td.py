@@ -20,28 +20,34 @@ def q_learning(
     r_t: Float[Array, ""],
     discount_t: Float[Array, ""],
     q_t: Float[Array, " exit"],
-    valid_t: Bool[Array, " exit"],
-) -> Float[Array, ""]:
-    """TD error of Q-learning: r + γ max Q⁻ - Q (eqs. 16 and 17; Mnih et al. 2015). ``q_t`` is the target network's."""
-    return r_t + _discounted(discount_t, jnp.max(mask(q_t, valid_t))) - q_tm1[a_tm1]
-
-
-def double_q_learning(
-    q_tm1: Float[Array, " exit"],
-    a_tm1: Int[Array, ""],
-    r_t: Float[Array, ""],
-    discount_t: Float[Array, ""],
-    q_t: Float[Array, " exit"],
     selector_t: Float[Array, " exit"],
     valid_t: Bool[Array, " exit"],
 ) -> Float[Array, ""]:
-    """TD error of double Q-learning (van Hasselt et al. 2016).
+    """Work out the error of Q-learning, single or double: r + γ Q⁻ of the next action - Q.
 
-    The online network's ``selector_t`` chooses the next action, the target network's ``q_t`` values it.
+    Parameters
+    ----------
+    q_tm1, a_tm1
+        Values of the state that was left, by the online network, and the exit that was taken there.
+    r_t, discount_t
+        Reward and discount of the step.
+    q_t
+        Values of the state that was reached, by the target network.
+    selector_t
+        Values that choose the next action: the target network's own, or in double Q-learning the online network's.
+    valid_t
+        Which exits of the state that was reached exist.
+
+    Returns
+    -------
+    Float[Array, ""]
+        In units of reward.
+
+    References
+    ----------
+    Eqs. 16 and 17 of the paper; Mnih et al. 2015, "Human-level control through deep reinforcement learning"; van
+    Hasselt et al. 2016, "Deep reinforcement learning with double Q-learning".
     """
-    return r_t + _discounted(discount_t, q_t[jnp.argmax(mask(selector_t, valid_t))]) - q_tm1[a_tm1]
-
-
-def _discounted(discount_t: Float[Array, ""], value_t: Float[Array, ""]) -> Float[Array, ""]:
-    """Nothing after the end of an episode counts, not even the minus infinity of a destination without exits."""
-    return jnp.where(discount_t > 0, discount_t * value_t, 0.0)
+    value_t = q_t[jnp.argmax(mask(selector_t, valid_t))]
+    # After the end of an episode nothing counts, not even the minus infinity of a value that means nothing.
+    return r_t + jnp.where(discount_t > 0, discount_t * value_t, 0.0) - q_tm1[a_tm1]
