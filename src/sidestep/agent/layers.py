@@ -1,7 +1,5 @@
 """Fully connected layers, and how value and advantage make Q."""
 
-import itertools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,6 +20,18 @@ def combine(
     value: Float[Array, ""], advantage: Float[Array, " exit"], valid: Bool[Array, " exit"]
 ) -> Float[Array, " exit"]:
     """Combine value and advantages to Q-values: V + A - mean of A over the valid exits.
+
+    Parameters
+    ----------
+    value, advantage
+        Of the state, and of each exit.
+    valid
+        Which exits exist; entries of others mean nothing.
+
+    Returns
+    -------
+    Float[Array, " exit"]
+        Their mean over the valid exits is the value.
 
     References
     ----------
@@ -46,9 +56,8 @@ def uniform_layers(shapes: list[tuple[int, int]], key: Key[Array, ""]) -> list[L
 
 def zero_ended_layers(widths: tuple[int, ...], key: Key[Array, ""]) -> tuple[Linear, ...]:
     """Draw layers of these widths, one after the other; the last is zero, and so are all biases."""
-    shapes = list(itertools.pairwise(widths))
     layers = []
-    for (fan_in, fan_out), one in zip(shapes, jax.random.split(key, len(shapes)), strict=True):
+    for fan_in, fan_out, one in zip(widths[:-1], widths[1:], jax.random.split(key, len(widths) - 1), strict=True):
         weight = jax.random.uniform(one, (fan_out, fan_in), minval=-1.0) / jnp.sqrt(fan_in)
         layers.append(Linear(weight, jnp.zeros(fan_out)))
     return (*layers[:-1], Linear(jnp.zeros_like(layers[-1].weight), layers[-1].bias))

@@ -12,13 +12,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 FANOUT = 32
+"""Numbers that each inner number is the sum of."""
 Item = TypeVar("Item")  # a PyTree
 
 
 class SumTree(eqx.Module):
     """Non-negative numbers that can be changed, and drawn in proportion, in logarithmic time."""
 
-    levels: tuple[Float[Array, "_ fanout"], ...]  # from the root's children down to the leaves
+    levels: tuple[Float[Array, "_ fanout"], ...]
+    """From the root's children down to the leaves."""
 
     @property
     def total(self) -> Float[Array, ""]:
@@ -56,22 +58,22 @@ class SumTree(eqx.Module):
 
 def sum_tree(leaves: int) -> SumTree:
     """A tree of zeros."""
-    shapes = []
-    while True:
-        blocks = -(-leaves // FANOUT)
-        shapes.append((blocks, FANOUT))
-        if blocks == 1:
-            return SumTree(tuple(jnp.zeros(shape) for shape in reversed(shapes)))
-        leaves = blocks
+    blocks = [-(-leaves // FANOUT)]
+    while blocks[0] > 1:
+        blocks.insert(0, -(-blocks[0] // FANOUT))
+    return SumTree(tuple(jnp.zeros((count, FANOUT)) for count in blocks))
 
 
 class Replay(eqx.Module, Generic[Item]):
     """A ring of the latest items with a priority each."""
 
-    items: Item  # each leaf [capacity, ...]
+    items: Item
+    """Each leaf [capacity, ...]."""
     priorities: SumTree
-    added: Int[Array, ""]  # items ever added
-    highest: Float[Array, ""]  # highest priority so far; new items get it
+    added: Int[Array, ""]
+    """Items ever added."""
+    highest: Float[Array, ""]
+    """Highest priority so far; new items get it."""
     capacity: int = eqx.field(static=True)
 
 
@@ -82,7 +84,27 @@ def empty_replay(item: Item, capacity: int) -> Replay[Item]:
 
 
 def add(replay: Replay[Item], batch: Item, count: int) -> Replay[Item]:
-    """Add ``count`` items, which must divide the capacity so that none wraps round."""
+    """Add items after the latest ones, in the place of the oldest.
+
+    Parameters
+    ----------
+    replay
+        Where they are added.
+    batch
+        The items, with a leading axis.
+    count
+        How many; it must divide the capacity, so that none wraps round.
+
+    Returns
+    -------
+    Replay
+        With the items at the highest priority so far.
+
+    Raises
+    ------
+    ValueError
+        The capacity is no multiple of ``count``.
+    """
     if replay.capacity % count:
         raise ValueError(f"a replay of {replay.capacity} items cannot be filled {count} at a time")
     start = replay.added % replay.capacity
@@ -98,7 +120,23 @@ def sample(
 ) -> tuple[Int[Array, " n"], Item, Float[Array, " n"]]:
     """Draw items in proportion to their priorities, one from each of n equal strata of the total.
 
-    Returns their places, the items, and importance weights (N P(i))^-β over the largest in the batch.
+    Parameters
+    ----------
+    replay
+        Where they are.
+    uniform
+        A number in [0, 1) for each item.
+    beta
+        Exponent of the importance weights.
+
+    Returns
+    -------
+    place
+        Where each item is in the ring.
+    items
+        The batch.
+    weight
+        Importance weights (N P(i))^-β over the largest in the batch.
     """
     count = uniform.shape[0]
     total = replay.priorities.total
