@@ -10,9 +10,10 @@ import pytest
 from sidestep.agent.acting import ACTING_DRAWS, Transition, act, epsilon, place_walkers
 from sidestep.agent.policy import Policy
 from sidestep.agent.presets import PRESETS
+from sidestep.agent.problem import Problem
 from sidestep.agent.q_networks import QTable
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.episodes import sampler
+from sidestep.scenarios.episodes import instances, sampler
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import RewardSpec
@@ -44,7 +45,7 @@ def strolls() -> dict[int, Transition]:
     )
     scenario_map = draw_map(minutes, seed=6)
     params = make_environment(minutes, scenario_map, "learn", 8)
-    here = sampler(minutes, scenario_map, params, 8)
+    problem = Problem(params, sampler(minutes, scenario_map, params, 8), instances(minutes, scenario_map, params, 1))
     policy = Policy(QTable(jnp.zeros((params.network.nodes, params.network.exits))))
     begin, draws = (
         jax.random.uniform(jax.random.key(number), shape)
@@ -53,8 +54,8 @@ def strolls() -> dict[int, Transition]:
     held = {}
     for n_step in (1, 3):
         config = STROLL.changed(n_step=n_step)
-        one = partial(act, config, params, here, policy)
-        walkers, _ = place_walkers(config, params, here, begin)
+        one = partial(act, config, problem, policy)
+        walkers, _ = place_walkers(config, problem, begin)
         stroll = jax.jit(
             lambda walkers, one=one: jax.lax.scan(lambda w, x: one(w, *x), walkers, (jnp.arange(STEPS), draws))
         )

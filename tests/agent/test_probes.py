@@ -13,6 +13,7 @@ import pytest
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
+from sidestep.agent.problem import Problem
 from sidestep.agent.train import RoundReport, start, train_round
 from sidestep.crowds.arima import ArimaFlow, load_fitted
 from sidestep.environment.types import EnvParams, Instance, Observation, futures_in_turn
@@ -72,9 +73,10 @@ def learn(config: TrainConfig, params: EnvParams, destination: int, nodes: int) 
     # Training takes from a map only its random stream: what it meets is in the environment.
     flow = ArimaFlow(jnp.zeros(params.network.segments), load_fitted())
     scenario_map = ScenarioMap(params.network, flow, flow, jax.random.key(0), (NODES,))
-    state = start(config, scenario("paper-unblocked"), params, anywhere, scenario_map)
+    problem = Problem(params, anywhere, tests)
+    state = start(config, scenario("paper-unblocked"), problem, scenario_map)
     for _ in range(config.rounds):
-        state, report = train_round(config, params, anywhere, tests, state)
+        state, report = train_round(config, problem, state)
     seen = jax.vmap(Observation)(
         jnp.arange(NODES), params.network.position, params.network.valid, jnp.zeros(NODES, int)
     )

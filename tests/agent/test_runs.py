@@ -27,7 +27,7 @@ CONFIG = preset("default", "local").changed(
 
 def whole(run: TrainingRun) -> list[np.ndarray]:
     """All numbers of a run's state, on the host."""
-    plain = eqx.tree_at(lambda state: state.key, run.checkpoint.state, jax.random.key_data(run.checkpoint.state.key))
+    plain = eqx.tree_at(lambda state: state.key, run.state, jax.random.key_data(run.state.key))
     return [np.array(leaf) for leaf in jax.tree.leaves(plain)]
 
 
@@ -40,7 +40,7 @@ class Straight:
         def on_round(run: TrainingRun) -> None:
             self.folders.append(folder / str(len(run.metadata.curve)))
             self.folders[-1].mkdir()
-            checkpoint.save(run.checkpoint, self.folders[-1])
+            checkpoint.save(run, self.folders[-1])
             self.curves.append(run.metadata.curve)
             self.states.append(whole(run))
 

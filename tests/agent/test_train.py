@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sidestep.agent.checkpoint import Checkpoint, Metadata
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import preset
 from sidestep.agent.q_networks import DuelingQNetwork
 from sidestep.agent.td import mask
-from sidestep.agent.train import RoundReport, TrainState, selected_params, training_rounds
+from sidestep.agent.train import RoundReport, TrainState, training_rounds
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
@@ -203,10 +204,11 @@ def test_the_best_network_stays_until_a_better_one_comes(
     assert after.best_minutes == (report.test_minutes.mean() if replaced else best_so_far)
 
 
-def test_keep_chooses_between_best_and_last(states: list[TrainState]) -> None:
+def test_keep_chooses_between_best_and_last(states: list[TrainState], problem: Scenario) -> None:
     state = eqx.tree_at(lambda s: s.best, states[3], jax.tree.map(lambda leaf: leaf + 1, states[3].learner.q_network))
     for keep, kept in (("best", state.best), ("last", state.learner.q_network)):
-        assert selected_params(SMALL.changed(keep=keep), state) is kept
+        metadata = Metadata(scenario=problem, seed=6, map=0, config=SMALL.changed(keep=keep), fingerprint="")
+        assert Checkpoint(metadata, state).model.q_network is kept
 
 
 def test_the_same_seed_gives_the_same_run_to_the_bit(

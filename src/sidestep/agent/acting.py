@@ -1,5 +1,6 @@
 """How walkers act while they train: ε-greedy steps, and the transitions that these make."""
 
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -9,10 +10,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy
+from sidestep.agent.problem import Problem
 from sidestep.environment.dynamics import random_exit, reset, step
 from sidestep.environment.observation import observe
-from sidestep.environment.types import EnvParams, EnvState, Observation
-from sidestep.scenarios.episodes import DRAWS, InstanceSampler
+from sidestep.environment.types import EnvState, Observation
+from sidestep.scenarios.episodes import DRAWS
 
 ACTING_DRAWS = 2 + DRAWS
 """Uniform numbers that one step of one walker takes."""
@@ -43,10 +45,27 @@ class Walkers(eqx.Module):
 
 
 def place_walkers(
-    config: TrainConfig, params: EnvParams, sampler: InstanceSampler, draws: Float[Array, "walker draw"]
+    config: TrainConfig, problem: Problem, draws: Float[Array, "walker draw"]
 ) -> tuple[Walkers, Transition]:
-    """Put walkers at their origins; also returns an empty transition, for its shapes and types."""
-    state, observation = jax.vmap(lambda draw: reset(params, sampler.sample(draw)))(draws)
+    """Put walkers at their origins.
+
+    Parameters
+    ----------
+    config
+        How many walkers, and how many steps their returns have.
+    problem
+        The environment, and the walks that episodes are drawn from.
+    draws
+        Uniform numbers, ``DRAWS`` for each walker.
+
+    Returns
+    -------
+    walkers
+        With nothing pending.
+    transition
+        An empty one, for its shapes and types.
+    """
+    state, observation = jax.vmap(lambda draw: reset(problem.params, problem.sampler.sample(draw)))(draws)
     nothing = jnp.float32(0)
     one = jax.tree.map(lambda leaf: leaf[0], observation)
     item = Transition(one, jnp.int32(0), nothing, nothing, one)
@@ -57,18 +76,37 @@ def place_walkers(
 
 def act(
     config: TrainConfig,
-    params: EnvParams,
-    sampler: InstanceSampler,
+    problem: Problem,
     policy: Policy,
     walkers: Walkers,
     iteration: Int[Array, ""],
     draws: Float[Array, "walker draw"],
 ) -> tuple[Walkers, Transition]:
-    """Each walker takes an ε-greedy step; those whose episode is over begin another.
+    """Take an ε-greedy step with each walker; those whose episode is over begin another.
 
-    Returns the walkers and, for each, the transition whose return is now complete.
+    Parameters
+    ----------
+    config
+        ε, the discount factor and the steps of a return.
+    problem
+        The environment, and the walks that episodes are drawn from.
+    policy
+        What walkers follow unless they step at random.
+    walkers
+        Where they are.
+    iteration
+        Steps that each of them has taken before.
+    draws
+        Uniform numbers, ``ACTING_DRAWS`` for each walker.
+
+    Returns
+    -------
+    walkers
+        After their step.
+    transitions
+        For each walker, the transition whose return is now complete.
     """
-    chance = epsilon(config, iteration)
+    params, chance = problem.params, epsilon(config, iteration)
 
     def one(
         state: EnvState, seen: Observation, draw: Float[Array, " draw"]
@@ -76,7 +114,7 @@ def act(
         action = jnp.where(draw[0] < chance, random_exit(seen.valid, draw[1]), policy(seen))
         after, outcome = step(params, state, action)
         over = outcome.terminated | outcome.truncated
-        fresh, _ = reset(params, sampler.sample(draw[2:]))
+        fresh, _ = reset(params, problem.sampler.sample(draw[2:]))
         state = jax.tree.map(partial(jnp.where, over), fresh, after)
         discount = config.gamma * (1.0 - outcome.terminated)
         latest = Transition(seen, action, outcome.reward, discount, outcome.observation)
@@ -84,10 +122,14 @@ def act(
 
     state, observation, latest, over = jax.vmap(one)(walkers.state, walkers.observation, draws)
     if config.n_step == 1:
-        return Walkers(state, observation, walkers.pending, walkers.open), latest
-    going = walkers.open
-    grown = jax.tree.map(
-        partial(_where, going), jax.vmap(lambda old: _lengthened(old, latest))(walkers.pending), walkers.pending
+        return replace(walkers, state=state, observation=observation), latest
+    pending, going = walkers.pending, walkers.open
+    # Steps that the walk goes on from have one more step in their return.
+    grown = replace(
+        pending,
+        r_t=jnp.where(going, pending.r_t + pending.discount_t * latest.r_t, pending.r_t),
+        discount_t=jnp.where(going, pending.discount_t * latest.discount_t, pending.discount_t),
+        observation_t=jax.tree.map(partial(_where, going), latest.observation_t, pending.observation_t),
     )
     # Until the oldest place has been filled, steps are handed on as they come.
     filled = iteration >= config.n_step - 1
@@ -104,11 +146,5 @@ def epsilon(config: TrainConfig, iteration: Int[Array, ""]) -> Float[Array, ""]:
     return config.epsilon + fallen * (config.epsilon_end - config.epsilon)
 
 
-def _lengthened(old: Transition, new: Transition) -> Transition:
-    """A transition with the step that followed on it."""
-    reward = old.r_t + old.discount_t * new.r_t
-    return Transition(old.observation_tm1, old.a_tm1, reward, old.discount_t * new.discount_t, new.observation_t)
-
-
 def _where(condition: Bool[Array, "pending walker"], one: Array, other: Array) -> Array:
-    return jnp.where(condition.reshape(condition.shape + (1,) * (one.ndim - condition.ndim)), one, other)
+    return jnp.where(condition.reshape(condition.shape + (1,) * (other.ndim - condition.ndim)), one, other)

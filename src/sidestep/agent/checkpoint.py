@@ -15,10 +15,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy, deployed
 from sidestep.agent.q_networks import QNetwork, untrained
-from sidestep.agent.train import TrainState, prepare, selected_params
+from sidestep.agent.train import TrainState, prepare
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
-from sidestep.network.graph import RoadNetwork, road_network
+from sidestep.network.graph import road_network
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.spec import faults
@@ -66,7 +66,17 @@ class Model:
         return deployed(self.metadata.config, self.q_network, self.metadata.scenario.reward.unit_seconds)
 
     def changed(self, **settings: Any) -> "Model":
-        """The same network with other settings, such as margins.
+        """Copy the model with other settings, such as margins.
+
+        Parameters
+        ----------
+        **settings
+            Fields of :class:`~sidestep.TrainConfig`.
+
+        Returns
+        -------
+        Model
+            With the same network.
 
         Raises
         ------
@@ -86,14 +96,15 @@ class Checkpoint:
 
     @property
     def model(self) -> Model:
-        """What was learned so far."""
-        return Model(self.metadata, selected_params(self.metadata.config, self.state))
+        """What was learned so far: the best network in test walks or the last, as configured."""
+        keeps_best = self.metadata.config.keep == "best"
+        return Model(self.metadata, self.state.best if keeps_best else self.state.learner.q_network)
 
 
 def save(checkpoint: Checkpoint, folder: Path) -> None:
     """Write a training into a folder, as ``model.eqx`` and ``checkpoint.eqx``.
 
-    Each is one line of JSON, the :class:`Metadata`, then the numbers.
+    Each is one line of JSON, the :class:`Metadata`, then the numbers, and is written whole or not at all.
     """
     header = checkpoint.metadata.model_dump_json().encode() + b"\n"
     for name, tree in ((CHECKPOINT, _plain(checkpoint.state)), (MODEL, checkpoint.model.q_network)):
@@ -104,6 +115,16 @@ def save(checkpoint: Checkpoint, folder: Path) -> None:
 
 def load(folder: Path) -> Checkpoint:
     """Read a training back, to go on with it.
+
+    Parameters
+    ----------
+    folder
+        The folder that :func:`save` wrote.
+
+    Returns
+    -------
+    Checkpoint
+        As it was saved.
 
     Raises
     ------
@@ -123,7 +144,7 @@ def load(folder: Path) -> Checkpoint:
         return jax.eval_shape(lambda here: _plain(prepare(metadata.config, metadata.scenario, here)[1]), drawn)
 
     metadata, state = _read(folder, CHECKPOINT, template)
-    return Checkpoint(metadata, _keyed(state))
+    return Checkpoint(metadata, eqx.tree_at(lambda s: s.key, state, jax.random.wrap_key_data(state.key)))
 
 
 def load_model(folder: Path | str) -> Model:
@@ -155,26 +176,33 @@ def load_model(folder: Path | str) -> Model:
     def template(metadata: Metadata) -> QNetwork:
         config, scenario = metadata.config, metadata.scenario
         # A model that remembers no places can be read without the map that it was trained on.
-        bound = config.level == "position" or config.places
-        network = draw_training_map(scenario, metadata.seed, metadata.map).network if bound else _any_streets()
+        network = road_network(np.zeros((2, 2)), [0], [1], [1.0])
+        if config.remembers_places:
+            network = draw_training_map(scenario, metadata.seed, metadata.map).network
         return jax.eval_shape(partial(untrained, config, scenario), network, jax.random.key(0))
 
     return Model(*_read(Path(folder), MODEL, template))
 
 
-def read_metadata(folder: Path, name: str = CHECKPOINT) -> Metadata:
+def read_metadata(folder: Path) -> Metadata:
     """Read what a training in a folder is of, without its numbers.
+
+    Parameters
+    ----------
+    folder
+        The folder that :func:`save` wrote.
+
+    Returns
+    -------
+    Metadata
+        Its ``curve`` has the rounds that were saved.
 
     Raises
     ------
     CheckpointError
         As for :func:`load`.
     """
-    return _read(folder, name, lambda _: ())[0]
-
-
-def _any_streets() -> RoadNetwork:
-    return road_network(np.zeros((2, 2)), [0], [1], [1.0])
+    return _read(folder, CHECKPOINT, lambda _: ())[0]
 
 
 def _read(folder: Path, name: str, template: Callable[[Metadata], Tree]) -> tuple[Metadata, Tree]:
@@ -213,7 +241,3 @@ def _check_format(path: Path, header: bytes) -> None:
 def _plain(state: TrainState) -> TrainState:
     """The state with its random key as plain numbers, which is all that files can hold."""
     return eqx.tree_at(lambda s: s.key, state, jax.random.key_data(state.key))
-
-
-def _keyed(state: TrainState) -> TrainState:
-    return eqx.tree_at(lambda s: s.key, state, jax.random.wrap_key_data(state.key))

@@ -1,6 +1,6 @@
 """How to learn: every setting of a training run."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -11,6 +11,11 @@ from sidestep.scenarios.values import NonNegative, Positive, across
 Count = Annotated[int, Field(ge=1)]
 CountFrom0 = Annotated[int, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
+
+
+def _at_position(field: str, only: float, must: str) -> Any:
+    """A field has one value only at level ``position``."""
+    return across(field, lambda value, given: value == only or given["level"] != "position", f"must be {must}")
 
 
 class TrainConfigError(SpecError):
@@ -121,36 +126,29 @@ class TrainConfig(Spec):
     """Deployed and in test walks: follow the level's estimate at crossings that this walk has left before. Estimates
     never lead in circles; learned corrections may."""
 
-    _whole_round = across(
-        "round_steps", lambda steps, given: steps % given["walkers"] == 0, "must be a multiple of walkers"
-    )
-    _whole_ring = across(
-        "capacity", lambda items, given: items % given["walkers"] == 0, "must be a multiple of walkers"
+    _whole_round, _whole_ring = (
+        across(field, lambda number, given: number % given["walkers"] == 0, "must be a multiple of walkers")
+        for field in ("round_steps", "capacity")
     )
     _return_in_round = across(
         "n_step",
         lambda steps, given: steps <= given["round_steps"] // given["walkers"],
         "must be at most the iterations of a round (round_steps over walkers)",
     )
-    _fresh_ones = across("fresh_futures", lambda fresh, given: fresh <= given["futures"], "must be at most futures")
-    _future_each = across("destinations", lambda number, given: number <= given["futures"], "must be at most futures")
-    _told_apart = across(
-        "destinations",
-        lambda number, given: number == 1 or given["level"] != "position",
-        "must be 1 at level position (the walker does not know its destination)",
+    _fresh_ones, _future_each = (
+        across(field, lambda number, given: number <= given["futures"], "must be at most futures")
+        for field in ("fresh_futures", "destinations")
     )
-    _estimated = across(
-        "correction_margin_seconds",
-        lambda seconds, given: not seconds or given["level"] != "position",
-        "must be 0 at level position (it has no estimate)",
-    )
-    _estimated_again = across(
-        "estimate_when_revisiting",
-        lambda followed, given: not followed or given["level"] != "position",
-        "must be false at level position (it has no estimate)",
-    )
+    _told_apart = _at_position("destinations", 1, "1 at level position (the walker does not know its destination)")
+    _margin = _at_position("correction_margin_seconds", 0, "0 at level position (it has no estimate)")
+    _revisiting = _at_position("estimate_when_revisiting", False, "false at level position (it has no estimate)")
 
     @property
     def iterations(self) -> int:
         """Gradient steps in a round."""
         return self.round_steps // self.walkers
+
+    @property
+    def remembers_places(self) -> bool:
+        """Whether what is learned is of the nodes of one map."""
+        return self.level == "position" or self.places > 0

@@ -64,6 +64,17 @@ _POSITION_ONLY: dict[Preset, TrainConfig] = {"paper": _PAPER, "tabular-q": _TABL
 _MANY_NODES = 500
 """From here on forecasts take so long that level ``live`` has to do with fewer futures."""
 
+# Streets in towns are short, and jams make some walks many times longer than most: hence long returns, small steps,
+# errors that do not count by their squares.
+_TOWN = {"rounds": 60, "n_step": 16, "huber": 1.0, "learning_rate": 2e-4, "epsilon": 0.02, "test_walks": 32}
+
+_MARGINS: dict[Information, float] = {"map": 3.0, "live": 30.0}
+"""Seconds that a correction must save where crowds are interpolated between counters.
+
+Streets are alike there, and what is learned of them is small against the walk. Forecasts from counts are nearly exact,
+and corrections to them seldom right.
+"""
+
 
 def preset(name: Preset, level: Information = "position", *, several_maps: bool = False, nodes: int = 0) -> TrainConfig:
     """Get a way to learn by its name.
@@ -138,38 +149,21 @@ def preset_for(scenario: Scenario, name: Preset, level: Information | None = Non
     TrainConfigError
         The preset does not exist at this level, or nothing can be learned there at it.
     """
-    return (_for_town if scenario.place.anywhere else _for_grid)(scenario, name, level or scenario.level)
-
-
-def _for_grid(scenario: Scenario, name: Preset, level: Information) -> TrainConfig:
-    return preset(name, level, several_maps=scenario.place.training_maps > 0, nodes=scenario.place.nodes)
-
-
-# Streets in towns are short, and jams make some walks many times longer than most: hence long returns, small steps,
-# errors that do not count by their squares.
-_TOWN = {"rounds": 60, "n_step": 16, "huber": 1.0, "learning_rate": 2e-4, "epsilon": 0.02, "test_walks": 32}
-
-# Where crowds are interpolated between counters, streets are alike and what is learned of them is small against the
-# walk. Forecasts from counts are nearly exact, and corrections to them seldom right.
-_MARGINS: dict[Information, dict[str, float]] = {
-    "map": {"correction_margin_seconds": 3.0, "estimate_when_revisiting": True},
-    "live": {"correction_margin_seconds": 30.0, "estimate_when_revisiting": True},
-}
-
-
-def _for_town(scenario: Scenario, name: Preset, level: Information) -> TrainConfig:
+    level, place = level or scenario.level, scenario.place
+    if not place.anywhere:
+        return preset(name, level, several_maps=place.training_maps > 0, nodes=place.nodes)
     if level == "position":
         raise TrainConfigError(
             f"a walker that observes its position alone cannot learn to walk anywhere in {scenario.name}", field="level"
         )
-    nodes = town_of(scenario.place.streets).nodes
-    destinations = min(32, len(scenario.place.destinations) or 32, max(nodes - 2, 1))
+    nodes = town_of(place.streets).nodes
+    destinations = min(32, len(place.destinations) or 32, max(nodes - 2, 1))
     each = 32 // destinations * destinations  # the same number of futures for every destination
     config = preset(name, level, several_maps=True).changed(
         **_TOWN, destinations=destinations, futures=2 * each, fresh_futures=each
     )
-    if scenario.place.interpolated:
-        config = config.changed(**_MARGINS.get(level, {}))
+    if place.interpolated and level in _MARGINS:
+        config = config.changed(correction_margin_seconds=_MARGINS[level], estimate_when_revisiting=True)
     if level == "live":  # forecasts take too long to be renewed
         return config.changed(futures=3 * each, fresh_futures=0, learning_rate=1e-4, rounds=40)
     return config

@@ -17,26 +17,33 @@ from sidestep.scenarios.model import Scenario
 
 
 class Problem(eqx.Module):
-    """What an agent is trained on."""
+    """What an agent is trained on in one round."""
 
     params: EnvParams
     sampler: InstanceSampler
-    """Walks from the scenario's origin."""
+    """Walks to learn from."""
     tests: Instance
     """Greedy test walks, through futures of their own."""
 
 
 def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> Problem:
-    """Draw futures and choose walks on one map; ``jax.eval_shape`` may trace it."""
+    """Draw futures and choose walks on one map, those to learn from where the scenario's begin.
+
+    Parameters
+    ----------
+    config
+        How many futures, destinations and test walks, and the walkers' level.
+    scenario, scenario_map
+        What is learned, and where.
+
+    Returns
+    -------
+    Problem
+        ``jax.eval_shape`` may trace it.
+    """
     destinations = destinations_of(scenario_map, config.destinations)
-    params = make_environment(
-        scenario,
-        scenario_map,
-        "learn",
-        config.futures + config.test_walks,
-        level=config.level,
-        destinations=destinations,
-    )
+    futures = config.futures + config.test_walks
+    params = make_environment(scenario, scenario_map, "learn", futures, level=config.level, destinations=destinations)
     here = sampler(scenario, scenario_map, params, config.futures, destinations=destinations)
     several = destinations if config.destinations > 1 else None
     tests = instances(scenario, scenario_map, params, config.test_walks, first=config.futures, destinations=several)
@@ -59,18 +66,32 @@ def renewed(
 ) -> Iterator[EnvParams]:
     """Yield the environment of every round after those ``before``.
 
-    Fresh futures are drawn by the executor during the round before. Walkers that are on their way when their future is
-    replaced go on in the new one.
+    Fresh futures are drawn during the round before. Walkers that are on their way when their future is replaced go on
+    in the new one.
+
+    Parameters
+    ----------
+    config
+        How many futures there are, and how many of them are renewed after every round.
+    scenario, scenario_map, params
+        What is learned, where, and its environment before any renewal.
+    before
+        Rounds that are done.
+    executor
+        Draws the futures.
+
+    Yields
+    ------
+    EnvParams
+        With the futures of the next round.
     """
     if not config.fresh_futures:
         yield from itertools.repeat(params)
 
     def renew(params: EnvParams, number: int) -> EnvParams:
-        fresh = sample_futures(
-            scenario, scenario_map, params, number, futures=config.fresh_futures, among=config.futures
-        )
-        first = jnp.int32(number * config.fresh_futures % config.futures)
-        return replace_futures(params, fresh, first, among=config.futures)
+        count, among = config.fresh_futures, config.futures
+        fresh = sample_futures(scenario, scenario_map, params, number, futures=count, among=among)
+        return replace_futures(params, fresh, jnp.int32(number * count % among), among=among)
 
     # Earlier ones have been replaced again.
     latest = before - math.ceil(config.futures / config.fresh_futures)

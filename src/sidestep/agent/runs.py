@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata, Model, load, save
+from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata, load, save
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.train import TrainState, training_rounds
 from sidestep.files import output_folder
@@ -23,11 +23,12 @@ SAVE_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
-class TrainingRun:
-    """A training run after one of its rounds; after the last, its result."""
+class TrainingRun(Checkpoint):
+    """A training run after one of its rounds; after the last, its result.
 
-    checkpoint: Checkpoint
-    """Its ``state`` is used up by the next round: a callback that keeps it must copy it."""
+    Its ``state`` is used up by the next round: a callback that keeps it must copy it.
+    """
+
     seconds: float
     """Time since the run was started or resumed, s."""
     steps_per_second: float
@@ -38,16 +39,6 @@ class TrainingRun:
     """Where the model is saved."""
 
     @property
-    def metadata(self) -> Metadata:
-        """What is trained, and the minutes of all test walks so far."""
-        return self.checkpoint.metadata
-
-    @property
-    def model(self) -> Model:
-        """What was learned so far."""
-        return self.checkpoint.model
-
-    @property
     def test_minutes(self) -> Float[np.ndarray, " test"]:
         """Minutes of the greedy test walks after the latest round."""
         return np.asarray(self.metadata.curve[-1])
@@ -55,18 +46,15 @@ class TrainingRun:
     @property
     def best_minutes(self) -> float:
         """Mean of the best round's test walks, min."""
-        return float(self.checkpoint.state.best_minutes)
+        return float(self.state.best_minutes)
 
     def to_json(self) -> dict[str, Any]:
         """The shape of ``train --json``."""
-        known = self.metadata.model_dump(mode="json")
-        return {
-            "scenario": known["scenario"],
-            "seed": known["seed"],
-            "map": known["map"],
+        config = self.metadata.config
+        return self.metadata.model_dump(mode="json", include={"scenario", "seed", "map"}) | {
             "synthetic": self.metadata.scenario.place.synthetic,
-            "level": known["config"]["level"],
-            "config": known["config"],
+            "level": config.level,
+            "config": config.model_dump(mode="json"),
             "seconds": self.seconds,
             "steps_per_second": self.steps_per_second,
             "updates_per_second": self.updates_per_second,
@@ -148,16 +136,10 @@ def train(
         metadata = metadata.model_copy(update={"curve": curve})
         at = perf_counter()
         first, done = min(first, at), len(curve) - before
-        rounds_per_second = (done - 1) / (at - first) if done > 1 else 1 / (at - began)
-        run = TrainingRun(
-            checkpoint=Checkpoint(metadata, now),
-            seconds=at - began,
-            steps_per_second=rounds_per_second * config.round_steps,
-            updates_per_second=rounds_per_second * config.iterations,
-            folder=out,
-        )
+        rate = (done - 1) / (at - first) if done > 1 else 1 / (at - began)  # rounds per second
+        run = TrainingRun(metadata, now, at - began, rate * config.round_steps, rate * config.iterations, folder=out)
         if out is not None and (len(curve) == config.rounds or at - saved > SAVE_SECONDS):
-            save(run.checkpoint, out)
+            save(run, out)
             saved = perf_counter()
         on_round(run)
     return run
@@ -168,14 +150,12 @@ def _resumed(folder: Path | None, wanted: Metadata) -> tuple[Metadata, TrainStat
     if folder is None:
         raise CheckpointError("to resume a training, give the folder of its model: --out", field="out")
     found = load(folder)
-    pairs = {name: (getattr(found.metadata, name), getattr(wanted, name)) for name in ("scenario", "seed", "map")}
-    pairs |= {name: (value, getattr(wanted.config, name)) for name, value in found.metadata.config}
-    for name, (old, new) in pairs.items():
-        if old != new:
-            words = f"another {name}" if name == "scenario" else f"{name} {old}, not {new}"
+    old, new = (dict(each) | dict(each.config) for each in (found.metadata, wanted))
+    for name in ("scenario", "seed", "map", *dict(wanted.config)):
+        if old[name] != new[name]:
+            words = f"another {name}" if name == "scenario" else f"{name} {old[name]}, not {new[name]}"
             raise CheckpointError(f"the training in {folder} has {words}; it cannot go on", field=name)
-    if len(found.metadata.curve) >= wanted.config.rounds:
-        raise CheckpointError(
-            f"the model in {folder} has been trained to the end, {wanted.config.rounds} rounds", field="rounds"
-        )
+    rounds = wanted.config.rounds
+    if len(found.metadata.curve) >= rounds:
+        raise CheckpointError(f"the model in {folder} has been trained to the end, {rounds} rounds", field="rounds")
     return found.metadata, found.state

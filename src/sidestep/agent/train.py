@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -17,9 +18,8 @@ from sidestep.agent.problem import Problem, anywhere, pose, renewed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.replay import Replay, add, empty_replay
 from sidestep.environment.rollout import walk
-from sidestep.environment.types import EnvParams, Instance
 from sidestep.files import cached_by_files
-from sidestep.scenarios.episodes import DRAWS, InstanceSampler
+from sidestep.scenarios.episodes import DRAWS
 from sidestep.scenarios.maps import ScenarioMap, draw_training_map, purpose_key
 from sidestep.scenarios.model import Scenario
 
@@ -49,17 +49,26 @@ class RoundReport(eqx.Module):
     """Mean over the round, reward²."""
 
 
-def selected_params(config: TrainConfig, state: TrainState) -> QNetwork:
-    """The network that a run results in: the best in test walks or the last, as configured."""
-    return state.best if config.keep == "best" else state.learner.q_network
-
-
 def training_rounds(
     config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap, state: TrainState | None = None
 ) -> Iterator[tuple[TrainState, RoundReport]]:
-    """Train on one map, round by round; give a ``state`` to go on from there.
+    """Train on one map, round by round.
 
-    The state that was yielded is used up by the next round: copy what is to be kept.
+    Parameters
+    ----------
+    config
+        How to learn.
+    scenario, scenario_map
+        What is learned, and where.
+    state
+        The state to go on from; by default training begins.
+
+    Yields
+    ------
+    state
+        It is used up by the next round: copy what is to be kept.
+    report
+        How the round went.
     """
     with ThreadPoolExecutor(1) as executor:
         # The round takes seconds to compile the first time; futures are drawn meanwhile.
@@ -72,14 +81,15 @@ def training_rounds(
         environments = renewed(config, scenario, scenario_map, problem.params, before, executor)
         for done, params in zip(range(before, config.rounds), environments, strict=False):
             everywhere = config.destinations > 1 or done < config.random_origins * config.rounds
-            state, report = one_round(params, from_anywhere if everywhere else problem.sampler, problem.tests, state)
+            sampler = from_anywhere if everywhere else problem.sampler
+            state, report = one_round(Problem(params, sampler, problem.tests), state)
             yield state, report
 
 
 def prepare(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> tuple[Problem, TrainState]:
     """Pose the problem of one map, with an untrained state; ``jax.eval_shape`` gives shapes without the work."""
     problem = pose(config, scenario, scenario_map)
-    return problem, start(config, scenario, problem.params, problem.sampler, scenario_map)
+    return problem, start(config, scenario, problem, scenario_map)
 
 
 @cached_by_files(lambda _, scenario: scenario.place.files, most=16)
@@ -87,67 +97,65 @@ def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tu
     """:func:`train_round` for all maps of a scenario, which have the same shapes."""
     scenario_map = draw_training_map(scenario, seed=0)
     problem, state = jax.eval_shape(partial(prepare, config, scenario), scenario_map)
-    return train_round.lower(config, problem.params, problem.sampler, problem.tests, state).compile()
+    return train_round.lower(config, problem, state).compile()
 
 
 @partial(jax.jit, static_argnames=("config", "scenario"))
-def start(
-    config: TrainConfig, scenario: Scenario, params: EnvParams, sampler: InstanceSampler, scenario_map: ScenarioMap
-) -> TrainState:
+def start(config: TrainConfig, scenario: Scenario, problem: Problem, scenario_map: ScenarioMap) -> TrainState:
     """Untrained network, empty replay, walkers at their origins."""
     key, network_key, walker_key = jax.random.split(purpose_key(scenario_map, "explore"), 3)
-    q_network = untrained(config, scenario, params.network, network_key)
+    q_network = untrained(config, scenario, problem.params.network, network_key)
     draws = jax.random.uniform(walker_key, (config.walkers, DRAWS))
-    walkers, transition = place_walkers(config, params, sampler, draws)
-    return TrainState(
-        learner=start_learner(config, q_network),
-        replay=empty_replay(transition, config.capacity),
-        walkers=walkers,
-        iteration=jnp.int32(0),
-        key=key,
-        best=q_network,
-        best_minutes=jnp.float32(jnp.inf),
-    )
+    walkers, transition = place_walkers(config, problem, draws)
+    learner, replay = start_learner(config, q_network), empty_replay(transition, config.capacity)
+    return TrainState(learner, replay, walkers, jnp.int32(0), key, best=q_network, best_minutes=jnp.float32(jnp.inf))
 
 
 @partial(jax.jit, static_argnames="config", donate_argnames="state")
-def train_round(
-    config: TrainConfig,
-    params: EnvParams,
-    sampler: InstanceSampler,
-    tests: Instance,
-    state: TrainState,
-) -> tuple[TrainState, RoundReport]:
-    """One round: ``round_steps`` steps with one gradient step for each ``walkers`` of them, then the test walks."""
+def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tuple[TrainState, RoundReport]:
+    """Train for one round: ``round_steps`` steps, a gradient step for each ``walkers`` of them, then the test walks.
+
+    Parameters
+    ----------
+    config
+        How to learn.
+    problem
+        What walkers learn from and are tested on in this round.
+    state
+        Used up.
+
+    Returns
+    -------
+    state
+        After the round.
+    report
+        How it went.
+
+    References
+    ----------
+    Algorithm 1 of the paper, with its branches in order: terminal transitions do not bootstrap.
+    """
     key, now = jax.random.split(state.key)
     draws = jax.random.uniform(now, (config.iterations, config.walkers * ACTING_DRAWS + config.batch))
-    state = eqx.tree_at(lambda s: s.key, state, key)
-    state, losses = jax.lax.scan(partial(_iterate, config, params, sampler), state, draws)
+    state, losses = jax.lax.scan(partial(_iterate, config, problem), replace(state, key=key), draws)
     q_network = state.learner.q_network
-    policy = deployed(config, q_network, params.reward.unit_seconds)
-    tested = jax.vmap(lambda test: walk(params, policy, test, key))(tests)
+    policy = deployed(config, q_network, problem.params.reward.unit_seconds)
+    tested = jax.vmap(lambda test: walk(problem.params, policy, test, key))(problem.tests)
     minutes = tested.cost / 60
-    better = jnp.mean(minutes) <= state.best_minutes
-    best = jax.tree.map(partial(jnp.where, better), q_network, state.best)
-    state = eqx.tree_at(
-        lambda s: (s.best, s.best_minutes), state, (best, jnp.where(better, jnp.mean(minutes), state.best_minutes))
-    )
-    return state, RoundReport(minutes, tested.arrived, jnp.mean(losses))
+    mean = jnp.mean(minutes)
+    better = partial(jnp.where, mean <= state.best_minutes)
+    best, best_minutes = jax.tree.map(better, (q_network, mean), (state.best, state.best_minutes))
+    report = RoundReport(minutes, tested.arrived, jnp.mean(losses))
+    return replace(state, best=best, best_minutes=best_minutes), report
 
 
 def _iterate(
-    config: TrainConfig,
-    params: EnvParams,
-    sampler: InstanceSampler,
-    state: TrainState,
-    draws: Float[Array, " draw"],
+    config: TrainConfig, problem: Problem, state: TrainState, draws: Float[Array, " draw"]
 ) -> tuple[TrainState, Float[Array, ""]]:
     """One step of every walker and one gradient step."""
-    for_walkers, for_batch = draws[: -config.batch], draws[-config.batch :]
+    for_walkers, for_batch = draws[: -config.batch].reshape(config.walkers, -1), draws[-config.batch :]
     policy = Policy(state.learner.q_network)
-    walkers, transitions = act(
-        config, params, sampler, policy, state.walkers, state.iteration, for_walkers.reshape(config.walkers, -1)
-    )
+    walkers, transitions = act(config, problem, policy, state.walkers, state.iteration, for_walkers)
     replay = add(state.replay, transitions, config.walkers)
     learner, replay, loss = learn(config, state.learner, replay, state.iteration, for_batch)
     return TrainState(learner, replay, walkers, state.iteration + 1, state.key, state.best, state.best_minutes), loss

@@ -150,7 +150,7 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     for folder, model in models.items():
         metadata, config = model.metadata, model.metadata.config
         _check_fits(folder, metadata, scenario, level)
-        if config.level == "position" or config.places:
+        if config.remembers_places:
             scenario_map = draw_map(scenario, seed, metadata.map)
             _check_place(folder, metadata, scenario_map)
             bound.add(metadata.map)
