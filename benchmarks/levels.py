@@ -19,7 +19,7 @@ from sidestep.agent.train import training_rounds
 from sidestep.environment.cost_to_go import at_clock, field_cost_to_go
 from sidestep.environment.dynamics import reset
 from sidestep.environment.types import LEVELS
-from sidestep.planners.time_dependent import earliest_arrivals
+from sidestep.planners.time_dependent import earliest_arrivals, leaving
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
@@ -66,9 +66,10 @@ def accuracy():
 
     @jax.jit
     def both(number, origin, departure):
-        field = params.futures.speeds.of(number)
-        exact = earliest_arrivals(network, field, origin, departure)[0][last] - departure
-        table = field_cost_to_go(params, field, params.wait_in(number), goal)
+        field, wait = params.futures.speeds.of(number), params.wait_in(number)
+        leave = leaving(network, params.futures.speeds, number, params.rule, wait)
+        exact = earliest_arrivals(network, leave, origin, departure)[0][last] - departure
+        table = field_cost_to_go(params, field, wait, goal)
         return exact, at_clock(table, field.slot_seconds, departure[None], origin[None])[0]
 
     found = np.array([both(*one) for one in zip(jnp.arange(SEARCHES), origins, departures, strict=True)])

@@ -14,7 +14,7 @@ from sidestep.environment.types import EnvParams, futures_in_turn
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
 from sidestep.planners.shortest_path import distances_to
-from sidestep.planners.time_dependent import earliest_arrivals
+from sidestep.planners.time_dependent import earliest_arrivals, leaving
 from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import SpeedField, speed_field
@@ -169,7 +169,9 @@ def test_changing_speeds_are_nearly_the_exact_searchs(rush) -> None:
         jnp.asarray(each.ravel()) for each in np.meshgrid(np.arange(destination), [0, 7, 20, 33, 47, 12.4, 26.7])
     )
     clock = slot * 300.0
-    search = jax.jit(jax.vmap(lambda origin, at: earliest_arrivals(network, field, origin, at)[0][destination]))
+    one = jax.tree.map(lambda leaf: leaf[None], field)
+    leave = leaving(network, one, jnp.int32(0), "integrated", lambda _segment, clock: jnp.zeros_like(clock))
+    search = jax.jit(jax.vmap(lambda origin, at: earliest_arrivals(network, leave, origin, at)[0][destination]))
     exact = search(node, clock) - clock
     found = at_clock(to_go(network, field, ends(network.nodes, destination)), 300.0, clock, node)
     error = np.abs(np.asarray(found / exact) - 1)

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.planners.base import routes, walk_plan
-from sidestep.planners.time_dependent import Clairvoyant, Expected, earliest_arrivals
+from sidestep.planners.time_dependent import Clairvoyant, Expected, earliest_arrivals, leaving
 from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.speed_field import SpeedField, speed_field
 
@@ -65,9 +65,18 @@ def build(pairs: list[tuple[int, int]], length: np.ndarray) -> RoadNetwork:
     return road_network(np.zeros((NODES, 2)), *zip(*pairs, strict=True), length, exits=SEGMENTS)
 
 
+def arrivals(
+    network: RoadNetwork, field: SpeedField, origin: jax.Array, departure: jax.Array, rule: CrossingRule = "integrated"
+):
+    """Through one crowd, without waits."""
+    one = jax.tree.map(lambda leaf: leaf[None], field)
+    leave = leaving(network, one, jnp.int32(0), rule, lambda _segment, clock: jnp.zeros_like(clock))
+    return earliest_arrivals(network, leave, origin, departure)
+
+
 @jax.jit
 def search(network: RoadNetwork, speed: jax.Array, origin: jax.Array, departure: jax.Array):
-    return earliest_arrivals(network, speed_field(speed, SLOT_SECONDS), origin, departure)
+    return arrivals(network, speed_field(speed, SLOT_SECONDS), origin, departure)
 
 
 @given(streets, lengths, speeds, nodes, departures)
@@ -154,13 +163,13 @@ def test_unreachable_nodes() -> None:
     # 0 > 1 > 0, and 2 > 0: nobody gets to 2 or to 3
     network = road_network(np.zeros((4, 2)), [0, 1, 2], [1, 0, 0], [10.0, 10.0, 10.0])
     field = speed_field(jnp.ones((3, 1)), 60.0)
-    arrival, via = earliest_arrivals(network, field, jnp.int32(0), jnp.float32(5))
+    arrival, via = arrivals(network, field, jnp.int32(0), jnp.float32(5))
     assert arrival.tolist() == [5, 15, math.inf, math.inf]
     assert via.tolist() == [-1, 0, -1, -1]
 
 
 def test_arrivals_on_the_diamond(diamond, constant_field) -> None:
-    arrival, via = earliest_arrivals(diamond, constant_field(diamond, 2.0), jnp.int32(0), jnp.float32(7))
+    arrival, via = arrivals(diamond, constant_field(diamond, 2.0), jnp.int32(0), jnp.float32(7))
     # metres at 2 m/s: 100 and 150 to the nodes 1 and 2, 300 to node 3 by node 1
     assert arrival.tolist() == [7, 57, 82, 157]
     assert via.tolist() == [-1, 0, 2, 1]
@@ -178,7 +187,7 @@ def test_arrivals_on_the_diamond(diamond, constant_field) -> None:
 def test_the_rule_is_heeded(rule: CrossingRule, arrives: float) -> None:
     network = road_network(np.zeros((3, 2)), [0, 1], [1, 2], [100.0, 55.0])
     field = speed_field(jnp.array([[2.0, 0.5], [1.0, 1.0]]), 10.0)
-    arrival, _ = earliest_arrivals(network, field, jnp.int32(0), jnp.float32(0), rule)
+    arrival, _ = arrivals(network, field, jnp.int32(0), jnp.float32(0), rule)
     assert float(arrival[2]) == pytest.approx(arrives)
 
 

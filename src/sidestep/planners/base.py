@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Int, Key, PyTree
 
 from sidestep.environment.cost_to_go import check_known
@@ -89,12 +88,10 @@ class Planner(Protocol):
     @property
     def level(self) -> Level:
         """The level of knowledge: what the planner may use, here and in :meth:`plan`; others of it are its peers."""
-        ...
 
     @property
     def observes(self) -> Information:
         """The level of the observations that ``decide`` uses; often lower than ``level``, since fewer are faster."""
-        ...
 
     def plan(self, params: EnvParams, instances: Instance, /) -> Plan:
         """Prepare walks.
@@ -112,7 +109,6 @@ class Planner(Protocol):
         Plan
             What ``decide`` is given.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -135,12 +131,27 @@ class Route:
     """Whether the walk reached its destination by the horizon."""
 
 
-def choose_allowed(
-    _shared: None, allowed: Bool[Array, "node exit"], observation: Observation, key: Key[Array, ""]
+def keep_to_plan(
+    _shared: None, own: Bool[Array, "node exit"] | Int[Array, " step"], observation: Observation, key: Key[Array, ""]
 ) -> Int[Array, ""]:
-    """Take one of the exits that a table allows at this node, at random where it allows several, any where none."""
-    here = allowed[observation.node]
+    """Take the exit planned for this step or, of a table, one that it allows at this node.
+
+    Returns
+    -------
+    Int[Array, ""]
+        Where the table allows several exits, one of them at random; where it allows none, any.
+    """
+    if own.ndim == 1:
+        return own[jnp.minimum(observation.steps, own.shape[0] - 1)]
+    here = own[observation.node]
     return random_exit(jnp.where(here.any(), here, observation.valid), jax.random.uniform(key))
+
+
+class Planned:
+    """What planners have in common that keep to a plan, whatever they meet on the way."""
+
+    observes: ClassVar[Information] = "position"
+    decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
 
 @partial(jax.jit, static_argnames=("decide", "trace"))
@@ -220,15 +231,12 @@ def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Ar
     (0, 8, True)
     """
     walked = walk_plan(planner, params, planner.plan(params, instances), instances, key, trace)
-    head = np.asarray(params.network.head)
+    begins, head, walked = jax.device_get((instances, params.network.head, walked))
     found = []
-    for origin, departure, segments, clocks, steps, seconds, arrived in zip(
-        *map(np.asarray, (instances.origin, instances.departure)),
-        *map(np.asarray, (walked.segments, walked.clocks, walked.steps, walked.seconds, walked.arrived)),
-        strict=True,
-    ):
-        size = min(int(steps), trace)
-        nodes = (int(origin), *head[segments[:size]].tolist())
-        at = (float(departure), *clocks[:size].tolist())
-        found.append(Route(tuple(segments[:size].tolist()), nodes, at, float(seconds), bool(arrived)))
+    for walk_number, steps in enumerate(walked.steps.tolist()):
+        segments, clocks = (each[walk_number, :steps] for each in (walked.segments, walked.clocks))
+        nodes = (int(begins.origin[walk_number]), *head[segments].tolist())
+        at = (float(begins.departure[walk_number]), *clocks.tolist())
+        seconds, arrived = float(walked.seconds[walk_number]), bool(walked.arrived[walk_number])
+        found.append(Route(tuple(segments.tolist()), nodes, at, seconds, arrived))
     return found

@@ -5,31 +5,27 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from sidestep.environment.types import EnvParams, Information, Instance, Level
-from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
+from sidestep.environment.types import EnvParams, Instance, Level
+from sidestep.planners.base import Plan, Planned
 from sidestep.planners.shortest_path import distances_to, table_per_walk
 
 
-class RandomWalk:
+class RandomWalk(Planned):
     """Take any exit with the same probability."""
 
     name: ClassVar[str] = "random-walk"
     level: ClassVar[Level] = "position"
-    observes: ClassVar[Information] = "position"
-    decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
         valid = params.network.valid
         return Plan(None, jnp.broadcast_to(valid, (instances.origin.shape[0], *valid.shape)))
 
 
-class RandomProgress:
+class RandomProgress(Planned):
     """Take any exit that leaves fewer crossings to go: a random path of fewest segments."""
 
     name: ClassVar[str] = "random-progress"
     level: ClassVar[Level] = "position"
-    observes: ClassVar[Information] = "position"
-    decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
         network = params.network

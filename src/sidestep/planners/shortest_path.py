@@ -8,12 +8,12 @@ from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from sidestep.environment.types import EnvParams, Information, Instance, Level
+from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
-from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
+from sidestep.planners.base import Plan, Planned
 
 
-class ShortestPath:
+class ShortestPath(Planned):
     """Walk the shortest path, however crowded it is.
 
     By SciPy's Dijkstra. The paper uses A*, which finds the same path; but on the paper's random lengths straight lines
@@ -22,19 +22,15 @@ class ShortestPath:
 
     name: ClassVar[str] = "shortest-path"
     level: ClassVar[Level] = "map"
-    observes: ClassVar[Information] = "position"
-    decide: ClassVar[DecideByPlan] = staticmethod(choose_allowed)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
         network = params.network
         valid, exit_node = np.asarray(network.valid), np.asarray(network.exit_node)
-        length = np.asarray(network.length)[np.asarray(network.exit_segment)]
+        length, exit_segment = np.asarray(network.length), np.asarray(network.exit_segment)
 
         def best_exits(destination: int) -> np.ndarray:
-            ahead = np.where(
-                valid, length + distances_to(network, np.asarray(network.length), destination)[exit_node], np.inf
-            )
-            return np.eye(network.exits, dtype=bool)[ahead.argmin(axis=1)]
+            ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
+            return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]
 
         return Plan(None, table_per_walk(instances, best_exits))
 

@@ -7,17 +7,18 @@ search then finds the best of the walks that reach every crossing as early as po
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.cost_to_go import at_clock, field_cost_to_go
 from sidestep.environment.crossing import cross_at_speeds, with_mean_waits
-from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
+from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
-from sidestep.planners.base import DecideByPlan, Plan, choose_allowed
+from sidestep.planners.base import Plan, Planned
 from sidestep.walking.crossing_time import CrossingRule, leaving_clock
 from sidestep.walking.speed_field import SpeedField, Speeds
 from sidestep.walking.waits import Wait
@@ -32,25 +33,42 @@ Leave = Callable[[Int[Array, ""], Float[Array, ""]], Float[Array, ""]]
 """The clock at which a segment is left, given the segment and the clock at which its tail is reached."""
 
 
+def leaving(network: RoadNetwork, speeds: Speeds, future: Int[Array, ""], rule: CrossingRule, wait: Wait) -> Leave:
+    """Say when segments are left that are crossed in one of the futures, after the wait before them."""
+
+    def leave(segment: Int[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
+        entered = clock + wait(segment, clock)
+        return leaving_clock(speeds, future, segment, network.length[segment], entered, rule)
+
+    return leave
+
+
 def earliest_arrivals(
     network: RoadNetwork,
-    field: SpeedField,
+    leave: Leave,
     origin: Int[Array, ""],
     departure: Float[Array, ""],
-    rule: CrossingRule = "integrated",
+    destination: Int[Array, ""] | None = None,
 ) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
     """Find the earliest clock at which every node can be reached.
+
+    Label correcting: each turn expands a few of the nodes that are due, the earliest first. So hardly any node is
+    expanded twice, and crossing times are computed only for segments that somebody reaches. Nodes that are no earlier
+    than the destination are never expanded: all that they could improve is later still.
+
+    The earliest node that is due is known for each group of nodes; to look through all nodes would take longer than
+    the rest of the search.
 
     Parameters
     ----------
     network
         The streets.
-    field
-        Speeds on them.
+    leave
+        When each segment is left, such as :func:`leaving` says.
     origin, departure
         Where the walk begins, and at which clock.
-    rule
-        How crossing times follow from speeds.
+    destination
+        If there is one, clocks are found only of nodes that are reached before it.
 
     Returns
     -------
@@ -62,35 +80,6 @@ def earliest_arrivals(
     References
     ----------
     K. L. Cooke and E. Halsey, The shortest route through a network with time-dependent internodal transit times (1966).
-    """
-    only = SpeedField(field.speed[None], field.covered[None], field.slot_seconds)
-    leave = _leaving(network, only, jnp.int32(0), rule, lambda _segment, clock: jnp.zeros_like(clock))
-    return _arrivals(network, leave, origin, departure)
-
-
-def _leaving(network: RoadNetwork, speeds: Speeds, future: Int[Array, ""], rule: CrossingRule, wait: Wait) -> Leave:
-    def leave(segment: Int[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
-        entered = clock + wait(segment, clock)
-        return leaving_clock(speeds, future, segment, network.length[segment], entered, rule)
-
-    return leave
-
-
-def _arrivals(
-    network: RoadNetwork,
-    leave: Leave,
-    origin: Int[Array, ""],
-    departure: Float[Array, ""],
-    destination: Int[Array, ""] | None = None,
-) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
-    """Earliest clocks and last segments; with a ``destination``, only of nodes that are reached before it.
-
-    Label correcting: each turn expands a few of the nodes that are due, the earliest first. So hardly any node is
-    expanded twice, and crossing times are computed only for segments that somebody reaches. Nodes that are no earlier
-    than the destination are never expanded: all that they could improve is later still.
-
-    The earliest node that is due is known for each group of nodes; to look through all nodes would take longer than
-    the rest of the search.
     """
     size = max(LEAST_GROUP_SIZE, math.isqrt(network.nodes) // 4)
     groups = -(-network.nodes // size)
@@ -123,17 +112,18 @@ def _arrivals(
 
     start = jnp.full(none, jnp.inf).at[origin].set(departure)
     due = start.reshape(groups, size)
-    arrival, via, _, _ = jax.lax.while_loop(
-        lambda carry: (carry[3] < limit(carry[0])).any(),
-        improve,
-        (start, jnp.full(none, -1), due, jnp.min(due, axis=1)),
-    )
+    begin = (start, jnp.full(none, -1), due, jnp.min(due, axis=1))
+    arrival, via, *_ = jax.lax.while_loop(lambda carry: (carry[3] < limit(carry[0])).any(), improve, begin)
     return arrival[: network.nodes], via[: network.nodes]
 
 
-def fastest_exits(network: RoadNetwork, leave: Leave, instance: Instance) -> Bool[Array, "node exit"]:
-    """Mark the exits along the fastest path of one walk; none where no path leads to its destination."""
-    _, via = _arrivals(network, leave, instance.origin, instance.departure, instance.destination)
+def fastest_exits(
+    params: EnvParams, speeds: Speeds, number: Int[Array, ""], instance: Instance
+) -> Bool[Array, "node exit"]:
+    """Mark the exits along the fastest path of one walk through one of the crowds; none where no path leads there."""
+    network = params.network
+    leave = leaving(network, speeds, number, params.rule, params.wait_in(instance.future))
+    _, via = earliest_arrivals(network, leave, instance.origin, instance.departure, instance.destination)
 
     def back(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         node, chosen = carry
@@ -205,42 +195,23 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
 def _plan(
     params: EnvParams, speeds: Speeds, which: Int[Array, " walk"], instances: Instance
 ) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
-    def fastest(number: Int[Array, ""], instance: Instance) -> Bool[Array, "node exit"]:
-        wait = params.wait_in(instance.future)
-        return fastest_exits(params.network, _leaving(params.network, speeds, number, params.rule, wait), instance)
-
-    def cheapest(walk: tuple[Int[Array, ""], Instance]) -> Int[Array, " step"]:
-        return least_cost_path(params, speeds.of(walk[0]), walk[1])
-
     if params.objective.needs_density:
-        return jax.lax.map(cheapest, (which, instances))
-    return jax.vmap(fastest)(which, instances)
+        return jax.lax.map(lambda walk: least_cost_path(params, speeds.of(walk[0]), walk[1]), (which, instances))
+    return jax.vmap(partial(fastest_exits, params, speeds))(which, instances)
 
 
-def keep_to_plan(
-    shared: None, own: Bool[Array, "node exit"] | Int[Array, " step"], observation: Observation, key: Key[Array, ""]
-) -> Int[Array, ""]:
-    """Take the exit planned for this crossing or, in plans of least cost, for this step."""
-    if own.ndim == 1:
-        return own[jnp.minimum(observation.steps, own.shape[0] - 1)]
-    return choose_allowed(shared, own, observation, key)
-
-
-class Expected:
+class Expected(Planned):
     """Keep to the path that is fastest through the expected crowds: the best plan that can be made beforehand."""
 
     name: ClassVar[str] = "expected"
     level: ClassVar[Level] = "map"
-    observes: ClassVar[Information] = "position"
-    decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(
-            None, _plan(with_mean_waits(params), params.expected, params.expected_for(instances.future), instances)
-        )
+        which = params.expected_for(instances.future)
+        return Plan(None, _plan(with_mean_waits(params), params.expected, which, instances))
 
 
-class Clairvoyant:
+class Clairvoyant(Planned):
     """Walk the path that is fastest through the crowds that will come: the lower bound of every planner's time.
 
     With an objective it is the path of least cost, a bound up to the time steps of :func:`least_cost_path`.
@@ -248,8 +219,6 @@ class Clairvoyant:
 
     name: ClassVar[str] = "clairvoyant"
     level: ClassVar[Level] = "hindsight"
-    observes: ClassVar[Information] = "position"
-    decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
         return Plan(None, _plan(params, params.futures.speeds, instances.future, instances))
