@@ -1,44 +1,33 @@
 """Planners that plan nothing beforehand and decide anew at every crossing, by the estimates of their level."""
 
-from collections.abc import Callable
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Int, Key
 
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.planners.base import DecideByPlan, Plan
 
-CostToGo = Callable[[Observation], Float[Array, " exit"]]
-"""Cost to the destination over each exit."""
 
-
-def take_least(cost_to_go: CostToGo) -> DecideByPlan:
-    """Make the decision that takes the exit of least cost to go."""
-
-    def decide(_shared: None, _own: Array, observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
-        return jnp.argmin(jnp.where(observation.valid, cost_to_go(observation), jnp.inf))
-
-    return decide
-
-
-def _estimate(observed: Observation) -> Float[Array, " exit"]:
-    if observed.estimate is None:
+def follow_estimate(_shared: None, _own: Array, observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
+    """Take the exit of least estimated cost to go."""
+    if observation.estimate is None:
         raise ValueError("observations of level position hold no estimates; observe level local or higher")
-    return observed.estimate
+    return jnp.argmin(jnp.where(observation.valid, observation.estimate, jnp.inf))
 
 
-def _snapshot(observed: Observation) -> Float[Array, " exit"]:
-    if observed.live is None:
+def follow_snapshot(_shared: None, _own: Array, observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
+    """Take the exit of least cost to go if all crowds stay as they are."""
+    if observation.live is None:
         raise ValueError("observations below level live hold no snapshots; observe level live")
-    return observed.live.snapshot
+    return jnp.argmin(jnp.where(observation.valid, observation.live.snapshot, jnp.inf))
 
 
 class _Reactive:
     """Take the exit of least estimated cost to go; nothing is planned beforehand."""
 
-    decide: ClassVar[DecideByPlan] = staticmethod(take_least(_estimate))
+    decide: ClassVar[DecideByPlan] = staticmethod(follow_estimate)
 
     def plan(self, _params: EnvParams, instances: Instance) -> Plan:
         return Plan(None, jnp.asarray(np.zeros(instances.origin.shape[0])))
@@ -66,7 +55,7 @@ class Snapshot(_Reactive):
     name: ClassVar[str] = "snapshot"
     level: ClassVar[Level] = "live"
     observes: ClassVar[Information] = "live"
-    decide: ClassVar[DecideByPlan] = staticmethod(take_least(_snapshot))
+    decide: ClassVar[DecideByPlan] = staticmethod(follow_snapshot)
 
 
 class Forecast(_Reactive):
