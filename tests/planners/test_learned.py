@@ -54,8 +54,8 @@ def save(
 
 def test_a_model_walks_as_darp(tmp_path: Path) -> None:
     found = load_planners([save(tmp_path, ANYWHERE, GRID)], GRID, 5)
-    assert list(found.factories) == ["darp"]
-    darp = found.factories["darp"](draw_map(GRID, 5), 0)
+    assert list(found.planners) == ["darp"]
+    darp = found.planners["darp"]
     assert isinstance(darp, Darp)
     assert (darp.level, darp.observes, darp.curve.tolist()) == ("map", "map", [[7, 8]])
     # It remembers no places, so it walks any map, to anywhere.
@@ -93,7 +93,7 @@ def test_several_models_are_called_by_their_folders(tmp_path: Path) -> None:
     first = save(tmp_path / "a", POSITION, GRID, fingerprint=draw_map(GRID, 0).fingerprint)
     second = save(tmp_path / "b", PLACES, GRID, fingerprint=draw_map(GRID, 0).fingerprint)
     found = load_planners([first, second], GRID, 0)
-    assert list(found.factories) == ["darp-a", "darp-b"]
+    assert list(found.planners) == ["darp-a", "darp-b"]
     assert (found.index, found.destinations) == (0, frozenset([8]))  # what both of them learned
     elsewhere = save(tmp_path / "c", PLACES, GRID, index=1, fingerprint=draw_map(GRID, 0, 1).fingerprint)
     (tmp_path / "d").mkdir()

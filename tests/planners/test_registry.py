@@ -107,7 +107,7 @@ def test_all_planners_are_listed_with_their_level_and_a_line_each() -> None:
     for name in SEARCH | LEARNING:
         info = infos[name]
         assert info.name == name
-        assert info.learns == (name in LEARNING)
+        assert (info.planner is None) == (name in LEARNING)
         for line in (info.summary, info.use):
             assert line.endswith(".")
             assert "\n" not in line
@@ -200,7 +200,8 @@ def test_an_installed_package_brings_a_planner_by_its_entry_point(third_party) -
     planner = find_planner("nearest-a")
     assert (type(planner).__name__, planner.level) == ("NearestFirst", "map")
     info = planner_infos()["nearest-a"]
-    assert (info.summary, info.use, info.learns) == ("Take the exit that ends nearest to the destination.", "", False)
+    assert (info.summary, info.use) == ("Take the exit that ends nearest to the destination.", "")
+    assert info.planner is planner
 
 
 def test_the_listing_loads_entry_points(third_party) -> None:

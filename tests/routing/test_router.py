@@ -85,7 +85,7 @@ class Somebody(RandomWalk):
 
 
 def learned(monkeypatch, **known: object) -> None:
-    fields = {"factories": {"darp": lambda *_: Somebody()}, "index": None, "destinations": None} | known
+    fields = {"planners": {"darp": Somebody()}, "index": None, "destinations": None} | known
     monkeypatch.setattr("sidestep.routing.router.load_planners", lambda *_: Learned(**fields))
 
 

@@ -12,8 +12,8 @@ def planners(*, as_json: Json = False) -> None:
     from sidestep.planners.registry import planner_infos
 
     found = [
-        {"name": info.name, "level": info.level, "learns": info.learns, "summary": info.summary, "use": info.use}
-        for info in planner_infos().values()
+        {"name": name, "level": info.level, "learns": info.planner is None, "summary": info.summary, "use": info.use}
+        for name, info in planner_infos().items()
     ]
     if as_json:
         print(json.dumps(found, indent=2, ensure_ascii=False))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,7 +16,7 @@ from sidestep.agent.presets import Preset, preset_for
 from sidestep.agent.runs import train
 from sidestep.environment.types import EnvParams, Information, Instance, Observation
 from sidestep.errors import SidestepError
-from sidestep.planners.base import DecideByPlan, Plan
+from sidestep.planners.base import DecideByPlan, Plan, Planner
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 from sidestep.scenarios.model import Scenario
@@ -83,14 +83,11 @@ def trained_darp(model: Model) -> Darp:
     return Darp(model.policy, np.asarray(model.metadata.curve), model.metadata.config.level)
 
 
-Factory = Callable[[ScenarioMap, int], Darp]
-
-
 @dataclass(frozen=True)
 class Learned:
     """Saved models as planners."""
 
-    factories: dict[str, Factory]
+    planners: dict[str, Planner]
     """By name: ``darp``, or ``darp-`` and the folder's name where there are several."""
     index: int | None
     """Number of the only map that they can walk, if one of them remembers places."""
@@ -136,6 +133,11 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
     level
         The only level that is wanted; any by default.
 
+    Returns
+    -------
+    Learned
+        Without planners where no folder is given.
+
     Raises
     ------
     CheckpointError
@@ -145,32 +147,25 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
         remembers the places of another map.
     """
     models = {folder: load_model(folder) for folder in folders}
-    bound: set[int] = set()
-    destinations: list[frozenset[int]] = []
+    planners: dict[str, Planner] = {}
+    known: dict[int, frozenset[int]] = {}  # by the number of the map
     for folder, model in models.items():
         metadata, config = model.metadata, model.metadata.config
         _check_fits(folder, metadata, scenario, level)
+        planners[Darp.name if len(models) == 1 else f"{Darp.name}-{folder.name}"] = trained_darp(model)
         if config.remembers_places:
             scenario_map = draw_map(scenario, seed, metadata.map)
             _check_place(folder, metadata, scenario_map)
-            bound.add(metadata.map)
-            destinations.append(frozenset(destinations_of(scenario_map, config.destinations).ravel().tolist()))
-    if len(bound) > 1:
-        raise ModelError(f"the models remember the places of different maps, numbers {sorted(bound)}", field="map")
-    names = {folder: Darp.name if len(models) == 1 else f"{Darp.name}-{folder.name}" for folder in models}
-    if len(set(names.values())) < len(names):
+            ends = frozenset(destinations_of(scenario_map, config.destinations).ravel().tolist())
+            known[metadata.map] = known.get(metadata.map, ends) & ends
+    if len(known) > 1:
+        raise ModelError(f"the models remember the places of different maps, numbers {sorted(known)}", field="map")
+    if len(planners) < len(models):
         raise ModelError(
             "the folders of the models must have different names, since planners are called by them", field="model"
         )
-    return Learned(
-        {names[folder]: partial(_ready, trained_darp(model)) for folder, model in models.items()},
-        bound.pop() if bound else None,
-        frozenset.intersection(*destinations) if destinations else None,
-    )
-
-
-def _ready(darp: Darp, _map: ScenarioMap, _index: int) -> Darp:
-    return darp
+    index, destinations = next(iter(known.items()), (None, None))
+    return Learned(planners, index, destinations)
 
 
 def _check_fits(folder: Path, metadata: Metadata, scenario: Scenario, level: Information | None) -> None:
@@ -201,7 +196,9 @@ def _check_place(folder: Path, metadata: Metadata, scenario_map: ScenarioMap) ->
     )
 
 
-def trainable(scenario: Scenario, seed: int, level: Information, name: Preset, destinations: int = 1) -> Factory:
+def trainable(
+    scenario: Scenario, seed: int, level: Information | None, name: Preset, destinations: int = 1
+) -> Callable[[ScenarioMap, int], Darp]:
     """Make a factory of agents that are trained before they walk.
 
     Parameters
@@ -210,11 +207,16 @@ def trainable(scenario: Scenario, seed: int, level: Information, name: Preset, d
         The maps that are walked. Where the scenario has maps of its own to train on, an agent is trained on these, once
         for all maps.
     level
-        What agents observe.
+        What agents observe; the scenario's own level by default.
     name
         The preset by which they learn.
     destinations
         Least number of destinations to learn; the preset may have more.
+
+    Returns
+    -------
+    Callable
+        Trains the agent of a map's number when it is first asked for.
 
     Raises
     ------

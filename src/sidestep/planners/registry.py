@@ -65,11 +65,6 @@ class PlannerInfo:
     planner: Planner | None = None
     """The planner itself; None where it has to be trained first."""
 
-    @property
-    def learns(self) -> bool:
-        """Whether it has to be trained before it can walk."""
-        return self.planner is None
-
 
 def register_planner(planner: PlannerSource, *, use: str = "") -> PlannerSource:
     """Make a planner known by its name; also the decorator of a planner's class.
@@ -107,8 +102,8 @@ def register_planner(planner: PlannerSource, *, use: str = "") -> PlannerSource:
     return planner
 
 
-def _add(source: object, use: str = "") -> str:
-    """Register a planner, and return its name."""
+def _add(source: object, use: str = "") -> PlannerInfo:
+    """Register a planner."""
     said = f"{source!r:.80} is no planner"
     try:
         planner: Any = source() if callable(source) else source
@@ -124,7 +119,7 @@ def _add(source: object, use: str = "") -> str:
         raise PlannerError(f"{said} to add: the name {planner.name} is Sidestep's own", field="planner")
     summary = (getdoc(type(planner)) or "").partition("\n")[0]
     _KNOWN[planner.name] = PlannerInfo(planner.name, planner.level, summary, use, planner)
-    return str(planner.name)
+    return _KNOWN[planner.name]
 
 
 def planner_infos() -> dict[str, PlannerInfo]:
@@ -150,23 +145,21 @@ def _info(name: str) -> PlannerInfo:
     if name in _KNOWN:
         return _KNOWN[name]
     installed = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    if ":" in name or name in installed:
-        found = _KNOWN[_add(_load(installed.get(name, name)))]
-        if name in installed and name != found.name:
-            raise PlannerError(f"the entry point {name} leads to a planner that is called {found.name}; rename one")
-        return found
-    every = [*_KNOWN, *installed]
-    close = get_close_matches(name, every, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(every)}, or give MODULE:NAME"
-    raise PlannerError(f"unknown planner {name!r:.60}; {hint}", field="planner")
-
-
-def _load(place: str) -> Any:
-    module, _, name = place.partition(":")
+    if ":" not in name and name not in installed:
+        every = [*_KNOWN, *installed]
+        close = get_close_matches(name, every, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(every)}, or give MODULE:NAME"
+        raise PlannerError(f"unknown planner {name!r:.60}; {hint}", field="planner")
+    place = installed.get(name, name)
+    module, _, attribute = place.partition(":")
     try:
-        return getattr(import_module(module), name)
+        source = getattr(import_module(module), attribute)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise PlannerError(f"no planner at {place}: {error}", field="planner") from error
+    found = _add(source)
+    if name in installed and name != found.name:
+        raise PlannerError(f"the entry point {name} leads to a planner that is called {found.name}; rename one")
+    return found
 
 
 def find_planner(name: str) -> Planner:
@@ -287,34 +280,28 @@ def choose_planners(
     >>> list(sidestep.choose_planners(sidestep.scenario("rush-16"), ["greedy-map"]).factories)
     ['shortest-path', 'expected', 'clairvoyant', 'greedy-map']
     """
-    learned, only_map = _models(models, scenario, seed, level, destinations)
+    learned: dict[str, Planner] = {}
+    only_map = None
+    if models:
+        from sidestep.planners.learned import load_planners
+
+        loaded = load_planners(models, scenario, seed, level)
+        loaded.check_destinations(draw_map(scenario, seed, loaded.index or 0), destinations)
+        learned, only_map = loaded.planners, loaded.index
     if names is None:
-        names = [*(info.name for info in _BUILT_IN.values() if not info.learns), *([] if models else ["darp"])]
+        names = [name for name, info in _BUILT_IN.items() if info.planner or (name == "darp" and not models)]
     found = {name: _info(name).name for name in (*names, REFERENCE, BASELINE, BOUND, against) if name not in learned}
-    chosen = {name: info for name, info in _KNOWN.items() if name in found.values()}
+    planners = {name: info.planner for name, info in _KNOWN.items() if name in found.values()} | learned
     factories: dict[str, PlannerFactory] = {}
-    for name, info in chosen.items():
-        factories[name] = lambda *_, planner=info.planner: planner
-        if info.learns:
+    for name, planner in planners.items():
+        factories[name] = lambda *_, planner=planner: planner
+        if planner is None:
             from sidestep.planners.learned import trainable
 
-            at: Any = info.level if info.level != "any" else level or scenario.level
+            at: Any = level if _KNOWN[name].level == "any" else _KNOWN[name].level
             way: Any = preset if name == "darp" else name
             factories[name] = trainable(scenario, seed, at, way, destinations)
-    return Lineup(scenario, factories | learned, found.get(against, against), only_map)
-
-
-def _models(
-    folders: Sequence[Path], scenario: Scenario, seed: int, level: Information | None, destinations: int
-) -> tuple[dict[str, PlannerFactory], int | None]:
-    """Load models: their factories by name, and the only map that they can walk, if there is one."""
-    if not folders:
-        return {}, None
-    from sidestep.planners.learned import load_planners
-
-    learned = load_planners(folders, scenario, seed, level)
-    learned.check_destinations(draw_map(scenario, seed, learned.index or 0), destinations)
-    return dict(learned.factories), learned.index
+    return Lineup(scenario, factories, found.get(against, against), only_map)
 
 
 _KNOWN: dict[str, PlannerInfo] = {}
@@ -334,12 +321,8 @@ for _planner, _use in (
 _LEARNERS: tuple[tuple[str, Level | Literal["any"], str, str], ...] = (
     ("darp", "any", "Follow the Q-values that a dueling network learned.", "When crowds are noisy but can be learned."),
     ("dqn", "any", "The same without dueling heads, double Q-learning and priorities.", "To see what these are worth."),
-    (
-        "tabular-q",
-        "position",
-        "Follow a table of Q-values, one for each exit.",
-        "As the simplest baseline that learns.",
-    ),
-)
+    ("tabular-q", "position", "Follow a table of Q-values, one for each exit.",
+     "As the simplest baseline that learns."),
+)  # fmt: skip
 _KNOWN |= {learner[0]: PlannerInfo(*learner) for learner in _LEARNERS}
 _BUILT_IN |= _KNOWN

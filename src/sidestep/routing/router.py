@@ -53,7 +53,7 @@ class Router:
         self, scenario: Scenario | str | Path, *, model: Path | str | None = None, seed: int = 0, index: int = 0
     ) -> None:
         self.scenario = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
-        self._map, self._index = draw_map(self.scenario, seed, index), index
+        self._map = draw_map(self.scenario, seed, index)
         self._locate = locator(self.scenario, self._map)
         with at_fault("model"):
             self._learned = load_planners([] if model is None else [Path(model)], self.scenario, seed)
@@ -97,9 +97,9 @@ class Router:
         planner = located.request.planner or self._default
         if not isinstance(planner, str):
             return planner
-        if planner in self._learned.factories:
+        if planner in self._learned.planners:
             self._check_learned(located)
-            return self._learned.factories[planner](self._map, self._index)
+            return self._learned.planners[planner]
         with at_fault("planner"):
             return find_planner(planner)
 
