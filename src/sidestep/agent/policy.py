@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Int, Key
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.q_networks import QNetwork
@@ -26,19 +26,14 @@ class Policy(eqx.Module):
 
     def __call__(self, observation: Observation, _key: Key[Array, ""] | None = None) -> Int[Array, ""]:
         """Decide which exit to take."""
-        return jnp.argmax(mask(self._values(observation), observation.valid))
-
-    def _values(self, observation: Observation) -> Float[Array, " exit"]:
-        values = self.q_network(observation)
-        local, estimate = observation.local, observation.estimate
-        if local is None or estimate is None:  # level position has no estimate, and configurations no margins there
-            return values
-        if self.margin:
-            preferred = jnp.argmax(mask(-estimate, observation.valid))
-            values = values.at[preferred].add(self.margin)
-        if self.estimate_when_revisiting:
-            values = jnp.where(local.revisiting, -estimate, values)
-        return values
+        values, local, estimate = self.q_network(observation), observation.local, observation.estimate
+        if local is not None and estimate is not None:  # level position has no estimate, and so there are no margins
+            if self.margin:
+                preferred = jnp.argmax(mask(-estimate, observation.valid))
+                values = values.at[preferred].add(self.margin)
+            if self.estimate_when_revisiting:
+                values = jnp.where(local.revisiting, -estimate, values)
+        return jnp.argmax(mask(values, observation.valid))
 
 
 def deployed(config: TrainConfig, q_network: QNetwork, reward_seconds: float) -> Policy:

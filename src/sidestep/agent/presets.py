@@ -49,9 +49,6 @@ _LIVE = _MAP.changed(
 
 _DEFAULT: dict[Information, TrainConfig] = {"position": _POSITION, "local": _LOCAL, "map": _MAP, "live": _LIVE}
 
-_PLAIN = {"dueling": False, "double": False, "alpha": 0.0}
-"""What makes the default a plain deep Q-network."""
-
 # Each of a gradient step's 64 transitions, the latest of each walker, changes its number by 1/64 of its error: where
 # all are of one crossing and exit, it still does not overshoot.
 _TABLE = _POSITION.changed(
@@ -124,7 +121,7 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
         config = config.changed(places=0, futures=16, fresh_futures=4, destinations=4)
     if level == "live" and nodes > _MANY_NODES:
         config = config.changed(futures=16, fresh_futures=1, test_walks=8, rounds=80)
-    return config.changed(**_PLAIN) if name == "dqn" else config
+    return config.changed(dueling=False, double=False, alpha=0.0) if name == "dqn" else config
 
 
 def preset_for(scenario: Scenario, name: Preset, level: Information | None = None) -> TrainConfig:
