@@ -57,8 +57,7 @@ def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> 
     order = np.argsort(head, kind="stable")
     first = np.searchsorted(head[order], np.arange(network.nodes + 1))
     graph = csr_array((weight[order].astype(np.float64), tail[order], first), shape=(network.nodes, network.nodes))
-    distance: np.ndarray = dijkstra(graph, indices=destination)
-    return distance
+    return dijkstra(graph, indices=destination)
 
 
 def table_per_walk(instances: Instance, table_for: Callable[[int], np.ndarray]) -> Bool[np.ndarray, "walk node exit"]:

@@ -169,11 +169,10 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
     ----------
     I. Chabini, Discrete dynamic shortest path problems in transportation applications (1998).
     """
-    network, wait = params.network, params.wait_in(instance.future)
-    at_destination = jnp.arange(network.nodes) == instance.destination
+    network, wait, destination = params.network, params.wait_in(instance.future), instance.destination
     jumps = params.waits.phases or params.objective.jumps
     every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
-    table = field_cost_to_go(params, field, wait, at_destination, every=every)
+    table = field_cost_to_go(params, field, wait, jnp.arange(network.nodes) == destination, every=every)
     longest = max(4 * network.nodes, LEAST_STEPS)
 
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
@@ -185,9 +184,7 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
         return onto[best], clock + ahead.seconds[best], path.at[steps].set(best), steps + 1
 
     start = (instance.origin, instance.departure, jnp.zeros(longest, jnp.int32), jnp.int32(0))
-    *_, path, _ = jax.lax.while_loop(
-        lambda carry: (carry[0] != instance.destination) & (carry[3] < longest), onward, start
-    )
+    *_, path, _ = jax.lax.while_loop(lambda carry: (carry[0] != destination) & (carry[3] < longest), onward, start)
     return path
 
 
