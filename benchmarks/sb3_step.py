@@ -10,7 +10,6 @@ environment of Stable-Baselines3 is plain Python, as its users write them.
 """
 
 import argparse
-import dataclasses
 import json
 import platform
 import statistics
@@ -47,12 +46,12 @@ class Grid(gymnasium.Env):
         self.metres = np.asarray(network.position, np.float64)
         blocks = self.metres / np.diff(np.unique(self.metres[:, 0]))[0]
         self.observed = blocks.astype(np.float32)
-        self.speed = np.asarray(params.futures.speed, np.float64).tolist()  # [future][segment][slot]
-        self.slot_seconds = params.futures.slot_seconds
-        self.origin, self.destination, self.horizon = problem.origin, problem.destination, problem.horizon
+        self.speed = np.asarray(params.futures.speeds.speed, np.float64).tolist()  # [future][segment][slot]
+        self.slot_seconds = params.futures.speeds.slot_seconds
+        self.origin, self.destination, self.horizon = 0, network.nodes - 1, problem.horizon
         self.reward = problem.reward
         self.far = np.linalg.norm(self.metres - self.metres[self.destination], axis=1).tolist()
-        self.observation_space = gymnasium.spaces.Box(0, problem.side - 1, (2,), np.float32)
+        self.observation_space = gymnasium.spaces.Box(0, problem.place.side - 1, (2,), np.float32)
         self.action_space = gymnasium.spaces.Discrete(4)
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[np.ndarray, dict]:
@@ -165,7 +164,7 @@ def main() -> None:
     scenario_map = draw_map(problem, seed=0)
     params = make_environment(problem, scenario_map, "learn", 8)
     config = PRESETS["paper"]
-    config = dataclasses.replace(config, rounds=options.repeats + 1, round_steps=options.rounds * config.round_steps)
+    config = config.changed(rounds=options.repeats + 1, round_steps=options.rounds * config.round_steps)
     grid = Grid(problem, params)
     check_same(grid, problem, scenario_map, params)
 
