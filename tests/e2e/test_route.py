@@ -19,7 +19,7 @@ NOON = "2025-05-24T12:30"
 @pytest.fixture
 def command(monkeypatch, tmp_path, capsys):
     """In this process, which compiles once for all."""
-    monkeypatch.setattr("sidestep.cli.route.start_jax", lambda: None)
+    monkeypatch.setattr("sidestep.cli.options.start_jax", lambda: None)
     monkeypatch.chdir(tmp_path)
 
     def run(*args: str) -> str:
@@ -143,7 +143,7 @@ def test_bad_input_ends_the_process_with_a_sentence(tmp_path) -> None:
     ],
 )
 def test_bad_input_names_its_field(args: str, field: str, monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr("sidestep.cli.route.start_jax", lambda: None)
+    monkeypatch.setattr("sidestep.cli.options.start_jax", lambda: None)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SidestepError) as caught:
         cli.app(["route", *args.split()], exit_on_error=False, print_error=False)
@@ -157,7 +157,7 @@ def test_bad_input_names_its_field(args: str, field: str, monkeypatch, tmp_path)
     ["helsinki --format pdf", "paper-congested --futures 2.5", "paper-congested --map -1", "paper-congested --seed -1"],
 )
 def test_options_that_cannot_be(args: str, monkeypatch) -> None:
-    monkeypatch.setattr("sidestep.cli.route.start_jax", lambda: None)
+    monkeypatch.setattr("sidestep.cli.options.start_jax", lambda: None)
     with pytest.raises((SidestepError, CycloptsError)) as caught:
         cli.app(["route", *args.split()], exit_on_error=False, print_error=False)
     assert args.split()[1] in str(caught.value)
@@ -175,7 +175,7 @@ def test_options_that_cannot_be(args: str, monkeypatch) -> None:
     ],
 )
 def test_counts_that_cannot_be_used(row: str, monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr("sidestep.cli.route.start_jax", lambda: None)
+    monkeypatch.setattr("sidestep.cli.options.start_jax", lambda: None)
     (tmp_path / "now.csv").write_text(f"time,45 Queen Street\n{row}\n")
     with pytest.raises(SidestepError) as caught:
         cli.app(["route", "helsinki", "--depart", NOON, "--live", str(tmp_path / "now.csv")], exit_on_error=False)
@@ -185,7 +185,7 @@ def test_counts_that_cannot_be_used(row: str, monkeypatch, tmp_path) -> None:
 
 
 def test_a_place_that_cannot_be_written_to(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr("sidestep.cli.route.start_jax", lambda: None)
+    monkeypatch.setattr("sidestep.cli.options.start_jax", lambda: None)
     (tmp_path / "file").write_text("here first")
     words = [
         "route",

@@ -32,9 +32,9 @@ for command in (
     data.new,
     listings.planners,
     listings.scenarios,
+    experiments.trade_off,
 ):
     app.command(command)
-app.command(experiments.trade_off, name="trade-off")
 app.command(data.counts_app)
 
 

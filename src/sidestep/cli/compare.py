@@ -1,12 +1,13 @@
 """The command `compare`."""
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from sidestep.cli import options
-from sidestep.cli.console import new_table, print_table, progress
+from sidestep.cli.console import print_table, progress
 
 if TYPE_CHECKING:
     from sidestep.evaluation.compare import Results
@@ -16,41 +17,43 @@ def compare(
     scenario: options.ScenarioOption,
     /,
     *,
-    planners: Annotated[
-        str | None,
-        Parameter(
-            help="Planners, separated by commas: names (see sidestep planners) or MODULE:NAME; by default all that "
-            "need no training, and darp. Models walk in any case."
-        ),
-    ] = None,
-    maps: Annotated[int | None, options.Whole(help="Number of maps; by default the scenario's.")] = None,
-    walks: Annotated[int | None, options.Whole(help="Walks on each map; by default the scenario's.")] = None,
+    planners: str | None = None,
+    maps: options.Whole | None = None,
+    walks: options.Whole | None = None,
     level: options.LevelOption = None,
     preset: options.PresetOption = "default",
-    model: options.Models = None,
-    destinations: Annotated[
-        int | None,
-        options.Whole(
-            help="Number of destinations to walk to, from anywhere; by default walks go from corner to corner on "
-            "grids, and to all destinations in real places."
-        ),
-    ] = None,
+    model: Annotated[list[Path] | None, Parameter(negative=())] = None,
+    destinations: options.Whole | None = None,
     by: options.By = None,
-    against: Annotated[str, Parameter(help="Planner that the others' minutes are set against.")] = "expected",
-    timing: Annotated[
-        bool, Parameter(negative=(), help="Measure how long decisions take; planning is then done twice.")
-    ] = False,
+    against: str = "expected",
+    timing: options.Flag = False,
     changes: options.Changes = options.UNCHANGED,
     seed: options.Seed = 0,
     workers: options.Workers = None,
     as_json: options.Json = False,
 ) -> None:
-    """Compare planners on the same maps and through the same crowds."""
-    options.at_least("seed", seed, 0)
-    options.check_minutes(by)
-    for option, number in (("maps", maps), ("walks", walks)):
-        options.at_least(option, 1 if number is None else number, 1)
-    threads = options.thread_count(workers)
+    """Compare planners on the same maps and through the same crowds.
+
+    Parameters
+    ----------
+    planners
+        Planners, separated by commas: names (see sidestep planners) or MODULE:NAME; by default all that need no
+        training, and darp. Models walk in any case.
+    maps
+        Number of maps; by default the scenario's.
+    walks
+        Walks on each map; by default the scenario's.
+    model
+        Folder of a trained model; repeat it for several.
+    destinations
+        Number of destinations to walk to, from anywhere; by default walks go from corner to corner on grids, and to all
+        destinations in real places.
+    against
+        Planner that the others' minutes are set against.
+    timing
+        Measure how long decisions take; planning is then done twice.
+    """
+    options.check(seed=seed, by=by, maps=maps, walks=walks, workers=workers)
     options.start_jax()
     from sidestep.evaluation.compare import compare as run
     from sidestep.planners.registry import choose_planners
@@ -58,7 +61,7 @@ def compare(
     problem = options.read_scenario(scenario, changes)
     chosen = choose_planners(
         problem,
-        options.names_in(planners),
+        None if planners is None else options.names_in(planners),
         models=model or (),
         against=against,
         seed=seed,
@@ -74,7 +77,7 @@ def compare(
             maps=numbers,
             walks=walks or problem.walks,
             seed=seed,
-            workers=threads,
+            workers=workers or options.processors(),
             destinations=destinations,
             timing=timing,
             on_map=lambda index, _: advance(f"map {index}"),
@@ -91,40 +94,25 @@ def show_results(results: "Results") -> None:
     from sidestep.evaluation.metrics import HEADINGS, TEXT_COLUMNS, cells
     from sidestep.scenarios.objectives import objective_in_words
 
-    by, objective = results["by_minutes"], results["objective"]
+    by, objective, rows = results["by_minutes"], results["objective"], results["planners"]
     only = " (forecasts only)" if results["flows"] == "forecast" else ""
     maps = f"{results['maps']} map{'s' * (results['maps'] > 1)}"
-    title = [
-        f"{results['scenario']}{only}: {maps}, {results['walks']} walks each, seed {results['seed']}",
-        results["summary"],
-        results["synthetic"],
-    ]
+    head = f"{results['scenario']}{only}: {maps}, {results['walks']} walks each, seed {results['seed']}"
+    title = [head, results["summary"], results["synthetic"]]
     if objective is not None:
         title.append(f"cost in minutes: {objective_in_words(objective)}; all comparisons below are of cost")
     shown = {
-        "planner": True,
-        "knows": True,
-        "cost": objective,
-        "minutes": True,
-        "exposure": objective,
-        "metres": objective,
+        **dict.fromkeys(("minutes 95 %", "best map", "gap 95 %"), False),  # in reports only
+        **dict.fromkeys(("cost", "exposure", "metres"), objective is not None),
+        **dict.fromkeys(("median", "90 %"), objective is None),
         "too dense": objective and objective["max_density"],
-        "median": not objective,
-        "90 %": not objective,
         "in time": by,
-        "saved": True,
-        "difference": True,
-        "difference 95 %": True,
-        "gap": True,
-        "arrive": True,
-        "µs a decision": any("decision_us" in row for row in results["planners"].values()),
+        "µs a decision": any("decision_us" in row for row in rows.values()),
     }
-    columns = [column for column in shown if shown[column]]
+    columns = [column for column in HEADINGS if shown.get(column, True)]
     headings = HEADINGS | {"in time": f"within {by:g} min" if by else "", "difference": f"over {results['baseline']}"}
-    table = new_table(
-        *(headings[column] if column in TEXT_COLUMNS else f">{headings[column]}" for column in columns),
-        title="\n".join(filter(None, title)),
+    print_table(
+        title,
+        [headings[column] if column in TEXT_COLUMNS else f">{headings[column]}" for column in columns],
+        [cells(name, row, results["maps"], columns).values() for name, row in rows.items()],
     )
-    for name, row in results["planners"].items():
-        table.add_row(*cells(name, row, results["maps"], columns).values())
-    print_table(table)

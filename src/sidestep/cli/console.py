@@ -1,34 +1,17 @@
 """Tables and progress bars on a terminal. The only module that imports rich."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from time import perf_counter
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
-    from rich.table import Table
 
 WIDTH = 180
 """Width of tables where the output is no terminal."""
 
 
-class Advance:
-    """Moves a progress bar one step further, with a note."""
-
-    def __init__(self, bar: "Progress", what: str, total: int, each: int, unit: str) -> None:
-        self._bar, self._each, self._unit, self._done, self._began = bar, each, unit, 0, perf_counter()
-        self._task = bar.add_task(what, total=total * each, rate="", note="")
-
-    def __call__(self, note: str) -> None:
-        self._done += self._each
-        rate = f"{self._done / (perf_counter() - self._began):,.3g} {self._unit}/s"
-        self._bar.update(self._task, advance=self._each, rate=rate, note=note)
-
-
 @contextmanager
-def progress(what: str, total: int, each: int, unit: str) -> Iterator[Advance]:
+def progress(what: str, total: int, each: int, unit: str) -> Iterator[Callable[[str], None]]:
     """Show a bar with rate and time left on standard error, or nothing where that is no terminal.
 
     Parameters
@@ -39,6 +22,11 @@ def progress(what: str, total: int, each: int, unit: str) -> Iterator[Advance]:
         Number of calls of the yielded function that fill the bar.
     each, unit
         What one call stands for, such as 2560 steps.
+
+    Yields
+    ------
+    Callable
+        Moves the bar one call further, with a note.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -54,24 +42,38 @@ def progress(what: str, total: int, each: int, unit: str) -> Iterator[Advance]:
         disable=not sys.stderr.isatty(),
         transient=True,
     )
+    task = bar.add_task(what, total=total * each, rate="", note="")
+    began, done = perf_counter(), count(each, each)
+
+    def advance(note: str) -> None:
+        rate = f"{next(done) / (perf_counter() - began):,.3g} {unit}/s"
+        bar.update(task, advance=each, rate=rate, note=note)
+
     with bar:
-        yield Advance(bar, what, total, each, unit)
+        yield advance
 
 
-def new_table(*columns: str, title: str) -> "Table":
-    """Make a table; columns whose heading begins with > hold numbers."""
+def print_table(title: Iterable[str], columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Print a table, in a fixed width where the output is no terminal.
+
+    Parameters
+    ----------
+    title
+        Lines above the table; empty ones are left out.
+    columns
+        Headings; columns whose heading begins with > hold numbers.
+    rows
+        Texts by column.
+    """
     from rich import box
+    from rich.console import Console
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="")
+    head = "\n".join(filter(None, title))
+    table = Table(box=box.SIMPLE_HEAD, title=head, title_justify="left", title_style="")
     for column in columns:
         number = column.startswith(">")
         table.add_column(column.removeprefix(">"), justify="right" if number else "left", no_wrap=number)
-    return table
-
-
-def print_table(table: "Table") -> None:
-    """Print a table, in a fixed width where the output is no terminal."""
-    from rich.console import Console
-
+    for row in rows:
+        table.add_row(*row)
     Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False).print(table)

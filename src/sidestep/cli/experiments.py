@@ -5,13 +5,11 @@ import math
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING
 
 from sidestep.cli import options
 from sidestep.cli.compare import show_results
-from sidestep.cli.console import new_table, print_table, progress
+from sidestep.cli.console import print_table, progress
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
 
 def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: options.Json = False) -> None:
     """Train an agent on one congested map, compare it with other planners, and draw their paths."""
-    options.at_least("seed", seed, 0)
+    options.check(seed=seed)
     options.start_jax()
     from sidestep.experiments.demo import CONFIG, demonstrate
     from sidestep.files import output_folder
@@ -38,21 +36,24 @@ def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: op
 
 def reproduce(
     *,
-    maps: Annotated[int, options.Whole(help="Number of maps in each condition.")] = 100,
-    quick: Annotated[bool, Parameter(negative=(), help="Run everything in small: 2 maps, 5 walks.")] = False,
+    maps: options.Whole = 100,
+    quick: options.Flag = False,
     out: options.Out = Path("reproduction"),
     seed: options.Seed = 0,
-    rule: Annotated[
-        Literal["integrated", "entry"],
-        Parameter(help="Integrate crossing times over all slots, or keep the density at entry (the paper)."),
-    ] = "integrated",
+    rule: options.Rule = "integrated",
     workers: options.Workers = None,
     as_json: options.Json = False,
 ) -> None:
-    """Reproduce the paper's figures and numbers, and judge its claims."""
-    options.at_least("seed", seed, 0)
-    options.at_least("maps", maps, 1)
-    threads = options.thread_count(workers)
+    """Reproduce the paper's figures and numbers, and judge its claims.
+
+    Parameters
+    ----------
+    maps
+        Number of maps in each condition.
+    quick
+        Run everything in small: 2 maps, 5 walks.
+    """
+    options.check(seed=seed, maps=maps, workers=workers)
     options.start_jax()
     from sidestep.experiments.paper import QUICK, Plan
     from sidestep.experiments.paper import reproduce as run
@@ -60,7 +61,7 @@ def reproduce(
 
     output_folder(out)
     plan = replace(QUICK, seed=seed) if quick else Plan(maps=maps, seed=seed)
-    began = perf_counter()
+    threads, began = workers or options.processors(), perf_counter()
     with progress("reproducing", plan.total, 1, "maps") as advance:
         results = run(plan, out, threads, lambda condition: advance(condition.replace("_", ", ")), rule)
     if as_json:
@@ -78,24 +79,35 @@ def trade_off(
     scenario: options.ScenarioOption,
     /,
     *,
-    planners: Annotated[
-        str, Parameter(help="Planners that need no training, separated by commas; each gets a curve.")
-    ] = "expected,clairvoyant",
-    weights: Annotated[
-        str, Parameter(help="Weights of exposure in seconds for each person·s/m², separated by commas.")
-    ] = "0,0.1,0.2,0.5,1,2,5,10",
-    walks: Annotated[int, options.Whole(help="Number of walks for each weight.")] = 20,
+    planners: str = "expected,clairvoyant",
+    weights: str = "0,0.1,0.2,0.5,1,2,5,10",
+    walks: options.Whole = 20,
     changes: options.Changes = options.UNCHANGED,
-    out: Annotated[Path, Parameter(help="File for the picture (.png).")] = Path("trade-off.png"),
+    out: Path = Path("trade-off.png"),
     seed: options.Seed = 0,
     as_json: options.Json = False,
 ) -> None:
     """Take the same walks with more and more weight on the crowd met, and draw time against crowds.
 
     All walks are on map 0. The weights replace the exposure of --objective.
+
+    Parameters
+    ----------
+    planners
+        Planners that need no training, separated by commas; each gets a curve.
+    weights
+        Weights of exposure in seconds for each person·s/m², separated by commas.
+    walks
+        Number of walks for each weight.
+    out
+        File for the picture (.png).
+
+    Raises
+    ------
+    SidestepError
+        A file that is no picture's (field ``out``), weights that are no numbers, and all that the walks refuse.
     """
-    options.at_least("seed", seed, 0)
-    options.at_least("walks", walks, 1)
+    options.check(seed=seed, walks=walks)
     if out.suffix.lower() != ".png" or out.is_dir():
         raise SidestepError(f"--out must be a picture's file, such as trade-off.png, not {out}", field="out")
     steps = [_weight(weight) for weight in weights.split(",")]
@@ -104,12 +116,12 @@ def trade_off(
     from sidestep.files import output_folder
     from sidestep.plotting import save, trade_off_curve
 
-    problem = options.read_scenario(scenario, changes)
+    problem, names = options.read_scenario(scenario, changes), options.names_in(planners)
     output_folder(out.parent)
     with progress("weighing", len(steps), 1, "weights") as advance:
         found = run(
             problem,
-            planners=options.names_in(planners) or (),
+            planners=names,
             weights=steps,
             walks=walks,
             seed=seed,
@@ -137,16 +149,19 @@ def show_trade_off(found: "TradeOff") -> None:
     """Print a trade-off between time and exposure as a table."""
     scenario = found.scenario
     head = f"{scenario.name}, map 0, seed {found.seed}: {found.walks} walks for each weight of exposure"
-    columns = ("planner", ">weight", ">minutes", ">person·s/m² met", ">metres", ">arrive")
-    table = new_table(*columns, title="\n".join(filter(None, (head, scenario.summary, scenario.place.synthetic))))
     rows = [(name, point) for name, points in found.curves.items() for point in points]
-    for name, point in (("shortest-path", found.shortest_path), *rows):
-        table.add_row(
-            name,
-            "" if point["weight"] is None else f"{point['weight']:g}",
-            f"{point['minutes']:.2f}",
-            f"{point['exposure']:,.0f}",
-            f"{point['metres']:,.0f}",
-            f"{point['arrival_rate']:.1%}",
-        )
-    print_table(table)
+    print_table(
+        (head, scenario.summary, scenario.place.synthetic),
+        ("planner", ">weight", ">minutes", ">person·s/m² met", ">metres", ">arrive"),
+        [
+            (
+                name,
+                "" if point["weight"] is None else f"{point['weight']:g}",
+                f"{point['minutes']:.2f}",
+                f"{point['exposure']:,.0f}",
+                f"{point['metres']:,.0f}",
+                f"{point['arrival_rate']:.1%}",
+            )
+            for name, point in (("shortest-path", found.shortest_path), *rows)
+        ],
+    )

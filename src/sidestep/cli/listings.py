@@ -2,13 +2,13 @@
 
 import json
 
-from sidestep.cli.console import new_table, print_table
-from sidestep.cli.options import Json, start_jax
+from sidestep.cli import options
+from sidestep.cli.console import print_table
 
 
-def planners(*, as_json: Json = False) -> None:
+def planners(*, as_json: options.Json = False) -> None:
     """List all planners: what they know, how they decide, and when to use them."""
-    start_jax()
+    options.start_jax()
     from sidestep.planners.registry import planner_infos
 
     found = [
@@ -18,16 +18,14 @@ def planners(*, as_json: Json = False) -> None:
     if as_json:
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
-    table = new_table("planner", "knows", "decides", "use", title="")
-    for info in found:
-        table.add_row(*(str(info[column]) for column in ("name", "level", "summary", "use")))
-    print_table(table)
+    rows = [(info["name"], info["level"], info["summary"], info["use"]) for info in found]
+    print_table((), ("planner", "knows", "decides", "use"), rows)
     print("Planners of your own: --planner MODULE:NAME, or the entry point group sidestep.planners.")
 
 
-def scenarios(*, as_json: Json = False) -> None:
+def scenarios(*, as_json: options.Json = False) -> None:
     """List the built-in scenarios."""
-    start_jax()
+    options.start_jax()
     from sidestep.scenarios.builtin import BUILT_IN
 
     found = [
@@ -37,8 +35,6 @@ def scenarios(*, as_json: Json = False) -> None:
     if as_json:
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
-    table = new_table("scenario", "summary", title="")
-    for one in found:
-        table.add_row(one["name"], "; ".join(filter(None, (one["summary"], one["synthetic"]))))
-    print_table(table)
+    rows = [(one["name"], "; ".join(filter(None, (one["summary"], one["synthetic"])))) for one in found]
+    print_table((), ("scenario", "summary"), rows)
     print("Scenarios of your own: sidestep new NAME writes a file to start from.")

@@ -1,11 +1,13 @@
-"""Options that several commands share, and the checks of their values."""
+"""Options that several commands share, and the checks of their values.
+
+The help of an option is its description in the docstring of its command, or stands here if commands share it.
+"""
 
 import math
 import os
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -28,31 +30,30 @@ def whole_number(_type: object, tokens: "Sequence[Token]") -> int:
         raise ValueError(f"{text!r} is not a whole number") from error
 
 
-Whole = partial(Parameter, converter=whole_number)
-
-Hyphened = partial(Parameter, allow_leading_hyphen=True)
-"""For values such as southern latitudes."""
-
+Whole = Annotated[int, Parameter(converter=whole_number)]
+Flag = Annotated[bool, Parameter(negative=())]
 ScenarioOption = Annotated[
     str, Parameter(help="Name of a scenario, such as rush-16 (see sidestep scenarios), or a scenario file.")
 ]
-Seed = Annotated[int, Whole(help="Seed of maps, crowds and training.")]
-Json = Annotated[bool, Parameter(name="--json", negative=(), help="Print JSON instead of tables.")]
+MapNumber = Annotated[Whole, Parameter(name="--map", help="Number of the map.")]
+Seed = Annotated[Whole, Parameter(help="Seed of maps, crowds and training.")]
+Json = Annotated[Flag, Parameter(name="--json", help="Print JSON instead of tables.")]
 Out = Annotated[Path, Parameter(help="Folder to write to; it is made if missing.")]
-Workers = Annotated[int | None, Whole(help="Maps to walk at a time; by default one for each processor.")]
-By = Annotated[float | None, Parameter(name="--by", help="Minutes: say how likely it is to arrive within them.")]
-Models = Annotated[
-    list[Path] | None, Parameter(name="--model", negative=(), help="Folder of a trained model; repeat it for several.")
+Workers = Annotated[Whole | None, Parameter(help="Maps to walk at a time; by default one for each processor.")]
+By = Annotated[float | None, Parameter(help="Minutes: say how likely it is to arrive within them.")]
+Rule = Annotated[
+    Literal["integrated", "entry"],
+    Parameter(help="Integrate crossing times over all slots, or keep the density at entry (the paper)."),
 ]
+Law = Literal["power", "power-capped", "weidmann"]
 LevelOption = Annotated[
     Literal["position", "local", "map", "live"] | None,
-    Parameter(name="--level", help="Level of the agent's knowledge; by default the scenario's."),
+    Parameter(help="Level of the agent's knowledge; by default the scenario's."),
 ]
 PresetOption = Annotated[
     Literal["default", "paper", "dqn", "tabular-q"],
     Parameter(
-        name="--preset",
-        help="Settings of the learner: ours, the paper's as printed, or those of a baseline (plain DQN; a table).",
+        help="Settings of the learner: ours, the paper's as printed, or those of a baseline (plain DQN; a table)."
     ),
 ]
 
@@ -62,69 +63,74 @@ PresetOption = Annotated[
 class Changes:
     """Changes to a scenario; None leaves a field as it is."""
 
-    flows: Annotated[
-        Literal["arima", "forecast"] | None,
-        Parameter(name="--flows", help="Draw crowds with the model's noise, or take its forecast."),
-    ] = None
-    rule: Annotated[
-        Literal["integrated", "entry"] | None,
-        Parameter(
-            name="--rule", help="Integrate crossing times over all slots, or keep the density at entry (the paper)."
-        ),
-    ] = None
-    law: Annotated[
-        Literal["power", "power-capped", "weidmann"] | None, Parameter(name="--law", help="Walking speed by density.")
-    ] = None
-    side: Annotated[int | None, Whole(name="--side", help="Nodes along a side of the grid.")] = None
-    crowded_nodes: Annotated[
-        int | None, Whole(name="--crowded-nodes", help="Nodes whose streets begin crowded; on grids.")
-    ] = None
-    crowding: Annotated[
-        float | None, Parameter(name="--crowding", help="Demand as a multiple of the counts; in real places.")
-    ] = None
-    objective: Annotated[
-        str | None,
-        Parameter(
-            name="--objective",
-            help="Keep time, distance, exposure or a weighted sum low, such as exposure=0.5,max_density=4.",
-        ),
-    ] = None
+    flows: Literal["arima", "forecast"] | None = None
+    """Draw crowds with the model's noise, or take its forecast."""
+
+    rule: Rule | None = None
+
+    law: Law | None = None
+    """Walking speed by density."""
+
+    side: Whole | None = None
+    """Nodes along a side of the grid."""
+
+    crowded_nodes: Whole | None = None
+    """Nodes whose streets begin crowded; on grids."""
+
+    crowding: float | None = None
+    """Demand as a multiple of the counts; in real places."""
+
+    objective: str | None = None
+    """Keep time, distance, exposure or a weighted sum low, such as exposure=0.5,max_density=4."""
 
 
 UNCHANGED = Changes()
+
+
+def given(options: Any) -> dict[str, Any]:
+    """The fields of a dataclass of options that are not None."""
+    return {field: value for field, value in asdict(options).items() if value is not None}
 
 
 def read_scenario(name: str, changes: Changes) -> "Scenario":
     """Find a scenario by its name or file, with the options applied."""
     from sidestep.scenarios.reader import find_scenario
 
-    return find_scenario(name, **{field: value for field, value in asdict(changes).items() if value is not None})
+    return find_scenario(name, **given(changes))
 
 
-def at_least(name: str, value: int, least: int) -> int:
-    """Refuse an option below its least value."""
-    if value < least:
-        raise SidestepError(f"--{name} must be at least {least}, not {value}", field=name)
-    return value
+LEAST = {"seed": 0, "map": 0, "maps": 1, "walks": 1, "workers": 1}
+"""The least values of options that are whole numbers."""
 
 
-def check_minutes(by: float | None, option: str = "by") -> None:
-    """Refuse minutes that are not positive."""
-    if by is not None and not (math.isfinite(by) and by > 0):
-        raise SidestepError(f"--{option} must be a positive number of minutes, not {by}", field=option)
+def check(**numbers: float | None) -> None:
+    """Refuse whole numbers below their least value, and minutes that are not positive.
+
+    Parameters
+    ----------
+    **numbers
+        Values by option; those that are not in ``LEAST`` are minutes.
+
+    Raises
+    ------
+    SidestepError
+        With the option as its field.
+    """
+    for option, number in numbers.items():
+        if option not in LEAST and number is not None and not 0 < number < math.inf:
+            raise SidestepError(f"--{option} must be a positive number of minutes, not {number}", field=option)
+        if option in LEAST and number is not None and number < LEAST[option]:
+            raise SidestepError(f"--{option} must be at least {LEAST[option]}, not {number}", field=option)
 
 
-def names_in(text: str | None) -> list[str] | None:
-    """Split names with commas between them; None stays None."""
-    return None if text is None else [name.strip() for name in text.split(",")]
+def names_in(text: str) -> list[str]:
+    """Split names with commas between them."""
+    return [name.strip() for name in text.split(",")]
 
 
-def thread_count(workers: int | None) -> int:
-    """Count the threads to walk maps on: by default one for each processor."""
-    if workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    at_least("workers", workers, 1)
-    return workers
+def processors() -> int:
+    """Count the processors that this process may use: so many maps are walked at a time."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def start_jax() -> None:

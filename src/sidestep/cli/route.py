@@ -6,80 +6,74 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from sidestep.cli.options import (
-    UNCHANGED,
-    By,
-    Changes,
-    Hyphened,
-    Json,
-    ScenarioOption,
-    Seed,
-    Whole,
-    at_least,
-    read_scenario,
-    start_jax,
-)
+from sidestep.cli import options
 from sidestep.errors import SidestepError
+
+Hyphened = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+"""For values such as southern latitudes."""
 
 
 def route(
-    scenario: ScenarioOption,
+    scenario: options.ScenarioOption,
     /,
     *,
-    origin: Annotated[
-        str | None,
-        Hyphened(name="--from", help="Node, or in towns LAT,LON; by default the scenario's first node."),
-    ] = None,
-    destination: Annotated[
-        str | None, Hyphened(name="--to", help="Node, or in towns LAT,LON; by default the scenario's last node.")
-    ] = None,
-    depart: Annotated[
-        str | None,
-        Hyphened(help="Minutes after the scenario's start; in towns local time, such as 2025-05-24T12:30."),
-    ] = None,
-    planner: Annotated[
-        str | None,
-        Parameter(
-            help="Who plans; by default expected, the fastest route if crowds are as usual, or darp with --model. "
-            "snapshot and forecast see all counts on the way."
-        ),
-    ] = None,
-    model: Annotated[
-        Path | None, Parameter(help="Folder of a trained model, for the planner darp; without one routes are searched.")
-    ] = None,
-    by: By = None,
-    futures: Annotated[
-        int | None,
-        Whole(
-            help="Simulated futures; by default 200, in towns 20 for planners that see all counts, 1 without chance."
-        ),
-    ] = None,
-    live: Annotated[Path | None, Parameter(help="In towns: current counts, hourly, as CSV.")] = None,
-    output: Annotated[
-        Literal["text", "geojson", "gpx", "png"],
-        Parameter(name="--format", help="What is printed, or written to --out."),
-    ] = "text",
-    out: Annotated[Path | None, Parameter(help="File to write to instead of printing.")] = None,
-    index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
-    changes: Changes = UNCHANGED,
-    seed: Seed = 0,
-    as_json: Json = False,
+    origin: Annotated[Hyphened, Parameter(name="--from")] = None,
+    destination: Annotated[Hyphened, Parameter(name="--to")] = None,
+    depart: Hyphened = None,
+    planner: str | None = None,
+    model: Path | None = None,
+    by: options.By = None,
+    futures: options.Whole | None = None,
+    live: Path | None = None,
+    output: Annotated[Literal["text", "geojson", "gpx", "png"], Parameter(name="--format")] = "text",
+    out: Path | None = None,
+    index: options.MapNumber = 0,
+    changes: options.Changes = options.UNCHANGED,
+    seed: options.Seed = 0,
+    as_json: options.Json = False,
 ) -> None:
-    """Plan one route, and say how long it may take. Routes are searched for unless a model is given."""
-    at_least("seed", seed, 0)
-    at_least("map", index, 0)
+    """Plan one route, and say how long it may take. Routes are searched for unless a model is given.
+
+    Parameters
+    ----------
+    origin
+        Node, or in towns LAT,LON; by default the scenario's first node.
+    destination
+        Node, or in towns LAT,LON; by default the scenario's last node.
+    depart
+        Minutes after the scenario's start; in towns local time, such as 2025-05-24T12:30.
+    planner
+        Who plans; by default expected, the fastest route if crowds are as usual, or darp with --model. snapshot and
+        forecast see all counts on the way.
+    model
+        Folder of a trained model, for the planner darp; without one routes are searched.
+    futures
+        Simulated futures; by default 200, in towns 20 for planners that see all counts, 1 without chance.
+    live
+        In towns: current counts, hourly, as CSV.
+    output
+        What is printed, or written to --out.
+    out
+        File to write to instead of printing.
+
+    Raises
+    ------
+    SidestepError
+        Options that exclude each other, or a request that cannot be answered.
+    """
+    options.check(seed=seed, map=index)
     if output == "png" and out is None:
         raise SidestepError("--format png needs --out, the file for the picture", field="out")
     if as_json and output != "text":
         raise SidestepError(f"--json and --format {output} exclude each other", field="format")
-    start_jax()
+    options.start_jax()
     from sidestep.files import output_folder, write_text
     from sidestep.routing.request import RouteRequest, read_departure, read_place
     from sidestep.routing.router import plan_route
 
     ends = read_place("origin", origin), read_place("destination", destination)
     request = RouteRequest(*ends, read_departure(depart), planner, by, futures, live)
-    plan = plan_route(read_scenario(scenario, changes), request, model=model, seed=seed, index=index)
+    plan = plan_route(options.read_scenario(scenario, changes), request, model=model, seed=seed, index=index)
     if out is not None:
         output_folder(out.parent)
     if output == "png" and out is not None:
@@ -87,17 +81,11 @@ def route(
 
         save(draw_route(plan), out)
         return
-    shown = {
-        "json": lambda: _dumped(plan.to_json()),
-        "geojson": lambda: _dumped(plan.to_geojson()),
-        "gpx": plan.to_gpx,
-        "text": plan.to_text,
-    }["json" if as_json else output]()
+    writers = {"text": plan.to_text, "gpx": plan.to_gpx, "geojson": plan.to_geojson, "json": plan.to_json}
+    shown = writers["json" if as_json else output]()
+    if not isinstance(shown, str):
+        shown = json.dumps(shown, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     if out is None:
         print(shown, end="")
     else:
         write_text(out, shown)
-
-
-def _dumped(found: object) -> str:
-    return json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

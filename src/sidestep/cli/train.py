@@ -1,87 +1,93 @@
 """The command `train`."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from sidestep.cli import options
 from sidestep.cli.console import progress
-from sidestep.cli.options import (
-    UNCHANGED,
-    Changes,
-    Json,
-    LevelOption,
-    PresetOption,
-    ScenarioOption,
-    Seed,
-    Whole,
-    at_least,
-    read_scenario,
-    start_jax,
-)
 
 if TYPE_CHECKING:
     from sidestep.agent.runs import TrainingRun
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Settings:
+    """Changes to the settings of a preset; None leaves a field as it is."""
+
+    rounds: options.Whole | None = None
+    """Rounds of training."""
+
+    destinations: options.Whole | None = None
+    """How many destinations to learn: on grids the last node and others; in real places some of their own, or of all
+    crossings."""
+
+    gamma: float | None = None
+    """Discount factor."""
+
+    n_step: options.Whole | None = None
+    """Steps of each return."""
+
+    alpha: float | None = None
+    """Prioritisation of the replay; 0 is uniform."""
+
+    double: bool | None = None
+    """Double Q-learning."""
+
+    dueling: bool | None = None
+    """Value and advantage apart."""
+
+    potential: bool | None = None
+    """Correct the level's own estimate of the cost to go, or learn all from nothing."""
+
+    correction_margin_seconds: Annotated[float | None, Parameter(name="--correction-margin")] = None
+    """Once trained: seconds that a learned correction must save against the level's own estimate."""
+
+    estimate_when_revisiting: bool | None = None
+    """Once trained: follow the level's own estimate where a walk comes back."""
+
+
+UNCHANGED = Settings()
+
+
 def train(
-    scenario: ScenarioOption,
+    scenario: options.ScenarioOption,
     /,
     *,
-    level: LevelOption = None,
-    preset: PresetOption = "default",
-    index: Annotated[int, Whole(name="--map", help="Number of the map.")] = 0,
-    rounds: Annotated[int | None, Whole(help="Rounds of training.")] = None,
-    destinations: Annotated[
-        int | None,
-        Whole(
-            help="How many destinations to learn: on grids the last node and others; in real places some of their "
-            "own, or of all crossings."
-        ),
-    ] = None,
-    gamma: Annotated[float | None, Parameter(help="Discount factor.")] = None,
-    n_step: Annotated[int | None, Whole(help="Steps of each return.")] = None,
-    alpha: Annotated[float | None, Parameter(help="Prioritisation of the replay; 0 is uniform.")] = None,
-    double: Annotated[bool | None, Parameter(help="Double Q-learning.")] = None,
-    dueling: Annotated[bool | None, Parameter(help="Value and advantage apart.")] = None,
-    potential: Annotated[
-        bool | None, Parameter(help="Correct the level's own estimate of the cost to go, or learn all from nothing.")
-    ] = None,
-    correction_margin: Annotated[
-        float | None,
-        Parameter(help="Once trained: seconds that a learned correction must save against the level's own estimate."),
-    ] = None,
-    estimate_when_revisiting: Annotated[
-        bool | None, Parameter(help="Once trained: follow the level's own estimate where a walk comes back.")
-    ] = None,
-    changes: Changes = UNCHANGED,
-    out: Annotated[Path | None, Parameter(help="Folder for the model, saved every few seconds.")] = None,
-    resume: Annotated[bool, Parameter(negative=(), help="Go on with the model in --out.")] = False,
-    seed: Seed = 0,
-    as_json: Json = False,
+    level: options.LevelOption = None,
+    preset: options.PresetOption = "default",
+    index: options.MapNumber = 0,
+    settings: Settings = UNCHANGED,
+    changes: options.Changes = options.UNCHANGED,
+    out: Path | None = None,
+    resume: options.Flag = False,
+    seed: options.Seed = 0,
+    as_json: options.Json = False,
 ) -> None:
-    """Train an agent on one map of a scenario, or on many where the scenario says so."""
-    at_least("seed", seed, 0)
-    at_least("map", index, 0)
-    start_jax()
+    """Train an agent on one map of a scenario, or on many where the scenario says so.
+
+    Parameters
+    ----------
+    out
+        Folder for the model, saved every few seconds.
+    resume
+        Go on with the model in --out.
+    """
+    options.check(seed=seed, map=index)
+    options.start_jax()
     from sidestep.agent import runs
     from sidestep.agent.checkpoint import read_metadata
     from sidestep.agent.presets import preset_for
 
-    problem = read_scenario(scenario, changes)
-    asked = {
-        "rounds": rounds, "destinations": destinations, "gamma": gamma, "n_step": n_step, "alpha": alpha,
-        "double": double, "dueling": dueling, "potential": potential, "correction_margin_seconds": correction_margin,
-        "estimate_when_revisiting": estimate_when_revisiting,
-    }  # fmt: skip
-    config = preset_for(problem, preset, level).changed(
-        **{name: value for name, value in asked.items() if value is not None}
-    )
+    problem = options.read_scenario(scenario, changes)
+    config = preset_for(problem, preset, level).changed(**options.given(settings))
     before = len(read_metadata(out).curve) if resume and out is not None else 0
-    with progress(
-        f"training on {scenario}, map {index}", config.rounds - before, config.round_steps, "transitions"
-    ) as advance:
+    what = f"training on {scenario}, map {index}"
+    with progress(what, config.rounds - before, config.round_steps, "transitions") as advance:
         run = runs.train(
             problem,
             config,
