@@ -12,8 +12,8 @@ from sidestep.network.geodesy import EARTH_RADIUS
 SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""
 
-TURNS = ((20.0, "straight on"), (60.0, "bear"), (120.0, "turn"), (165.0, "sharp"), (math.inf, "turn round"))
-"""The word for a turn, by its largest angle in degrees."""
+TURNS = ((20.0, "straight on"), (60.0, "bear {}"), (120.0, "turn {}"), (165.0, "sharp {}"), (math.inf, "turn round"))
+"""The words for a turn to a side, by its largest angle in degrees."""
 
 CROWDING = ((0.31, "free"), (0.72, "busy"), (2.17, "dense"), (math.inf, "jammed"))
 """The word for a density, by its upper limit in persons/m².
@@ -24,7 +24,6 @@ D and E dense, F jammed.
 
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 _KINDS = {
-    "living_street": "living street",
     "pedestrian": "pedestrian street",
     "residential": "residential street",
     "service": "service road",
@@ -113,11 +112,8 @@ def crowding_word(density: float) -> str:
 def turn_word(before: float, after: float) -> str:
     """The word for a turn from one bearing to another, in degrees clockwise from north."""
     angle = (after - before + 180) % 360 - 180
-    word = next(word for limit, word in TURNS if abs(angle) <= limit)
-    if word in ("straight on", "turn round"):
-        return word
-    side = "right" if angle > 0 else "left"
-    return f"sharp {side}" if word == "sharp" else f"{word} {side}"
+    words = next(words for limit, words in TURNS if abs(angle) <= limit)
+    return words.format("right" if angle > 0 else "left")
 
 
 def compass_word(bearing: float) -> str:
@@ -126,22 +122,29 @@ def compass_word(bearing: float) -> str:
 
 
 def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
-    """Bearings, in degrees clockwise from north, in which a course of longitudes and latitudes begins and ends.
+    """Bearings in which a course begins and ends.
 
     They are taken over ``SIGHT`` metres, since the last steps onto a crossing may lead anywhere.
+
+    Parameters
+    ----------
+    course
+        Longitudes and latitudes in degrees.
+
+    Returns
+    -------
+    float, float
+        Degrees clockwise from north.
     """
     scale = np.radians(EARTH_RADIUS) * np.array([np.cos(np.radians(course[:, 1].mean())), 1.0])
     place = (course - course[0]) * scale
     along = np.append(0.0, np.linalg.norm(np.diff(place, axis=0), axis=1).cumsum())
 
-    def at(metres: float) -> np.ndarray:
-        return np.array([np.interp(metres, along, column) for column in place.T])
+    def bearing(begin: float, end: float) -> float:
+        east, north = (np.interp(end, along, column) - np.interp(begin, along, column) for column in place.T)
+        return float(np.degrees(np.arctan2(east, north))) % 360
 
-    return _bearing(at(SIGHT) - at(0.0)), _bearing(at(along[-1]) - at(along[-1] - SIGHT))
-
-
-def _bearing(step: Float[np.ndarray, "2"]) -> float:
-    return float(np.degrees(np.arctan2(step[0], step[1]))) % 360
+    return bearing(0.0, SIGHT), bearing(along[-1] - SIGHT, along[-1])
 
 
 def directions(legs: Sequence[Leg]) -> list[Step]:
@@ -156,7 +159,18 @@ def directions(legs: Sequence[Leg]) -> list[Step]:
         else:
             groups.append((turn, number, [leg]))
         ended = ends
-    return [_step(*group) for group in groups]
+    return [
+        Step(
+            turn=turn,
+            street=joined[0].label,
+            first_leg=number,
+            metres=sum(leg.metres for leg in joined),
+            minutes=sum(leg.minutes for leg in joined),
+            density=mean_density(joined),
+            crowding=crowding_word(mean_density(joined)),
+        )
+        for turn, number, joined in groups
+    ]
 
 
 def _joins(before: Leg, after: Leg, turn: str) -> bool:
@@ -164,16 +178,3 @@ def _joins(before: Leg, after: Leg, turn: str) -> bool:
     # "Footway" is no name: two of them that meet in a corner are not the same.
     same = before.label == after.label and bool(before.name) == bool(after.name)
     return same and (turn == "straight on" or (bool(after.name) and turn != "turn round"))
-
-
-def _step(turn: str, first_leg: int, legs: list[Leg]) -> Step:
-    density = mean_density(legs)
-    return Step(
-        turn=turn,
-        street=legs[0].label,
-        first_leg=first_leg,
-        metres=sum(leg.metres for leg in legs),
-        minutes=sum(leg.minutes for leg in legs),
-        density=density,
-        crowding=crowding_word(density),
-    )

@@ -1,9 +1,8 @@
 """A planned route, and what it looks like as JSON, text, GeoJSON and GPX."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +15,8 @@ from sidestep.routing.formats import Waypoint, feature, gpx, table
 from sidestep.routing.request import NO_COORDINATES, RouteError
 from sidestep.scenarios.objectives import objective_in_words
 
-_OF_WHOLE = ("origin", "destination", "legs", "nodes", "minutes", "attribution", "crowds", "synthetic")
+T = TypeVar("T")
+_SOURCES = ("attribution", "crowds", "synthetic")
 
 
 @dataclass(frozen=True)
@@ -201,13 +201,17 @@ class RoutePlan(RequestFacts, WalkTimes):
     def course(self) -> list[list[float]]:
         """Longitude and latitude of the whole route, degrees; points at which two legs meet come once.
 
+        Returns
+        -------
+        list
+            One ``[longitude, latitude]`` for each point.
+
         Raises
         ------
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        courses = [leg.coordinates or [] for leg in self.legs]
-        points = [point for number, course in enumerate(courses) for point in course[number > 0 :]]
+        points = _joined([leg.coordinates or [] for leg in self.legs])
         if not points:
             raise RouteError(NO_COORDINATES, field="format")
         return points
@@ -227,39 +231,44 @@ class RoutePlan(RequestFacts, WalkTimes):
     def to_geojson(self) -> dict[str, Any]:
         """A GeoJSON feature collection (RFC 7946): the whole route, its legs, and both ends.
 
+        Returns
+        -------
+        dict
+            Ready for ``json.dumps``; coordinates are longitudes and latitudes in degrees.
+
         Raises
         ------
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
         course, found = self.course, self.to_json()
-        whole = {name: found.pop(name) for name in _OF_WHOLE}
-        legs = [
-            feature(
-                "LineString",
-                leg.coordinates or [],
-                part="leg",
-                street=leg.label,
-                metres=round(leg.metres, 2),
-                minutes=round(leg.minutes, 3),
-                density=round(leg.density, 4),
-            )
-            for leg in self.legs
-        ]
+        sources = {name: found.pop(name) for name in _SOURCES}
         ends = [
-            feature("Point", [whole[part]["longitude"], whole[part]["latitude"]], part=part, asked=whole[part]["asked"])
-            for part in ("origin", "destination")
+            feature("Point", [end.longitude, end.latitude], part=part, asked=end.asked)
+            for part, end in (("origin", self.origin), ("destination", self.destination))
         ]
-        return {
-            "type": "FeatureCollection",
-            **{name: whole[name] for name in ("attribution", "crowds", "synthetic")},
-            "features": [feature("LineString", course, part="route", **found), *legs, *ends],
-        }
+        for name in ("origin", "destination", "legs", "nodes", "minutes"):
+            del found[name]
+        legs = []
+        for leg in self.legs:
+            rounded = {
+                "metres": round(leg.metres, 2),
+                "minutes": round(leg.minutes, 3),
+                "density": round(leg.density, 4),
+            }
+            legs.append(feature("LineString", leg.coordinates or [], part="leg", street=leg.label, **rounded))
+        whole = feature("LineString", course, part="route", **found)
+        return {"type": "FeatureCollection", **sources, "features": [whole, *legs, *ends]}
 
     def to_gpx(self) -> str:
         """GPX 1.1: a route of the turns, and a track of the whole course.
 
         Times are local wall time without a zone, and left out where the departure has no day.
+
+        Returns
+        -------
+        str
+            An XML document.
 
         Raises
         ------
@@ -269,46 +278,41 @@ class RoutePlan(RequestFacts, WalkTimes):
         course = self.course
         about = (
             f"{self.planner}, departing {self.departs}: {self.metres:,.0f} m, {self.expected_minutes:.1f} min "
-            "if crowds are as expected."
+            "if crowds are as expected"
         )
-        likely = "".join(f" {sentence}." for sentence in self._arrival())
-        zone = "" if self.departure is None else " Times are local wall time."
+        zone = [] if self.departure is None else ["Times are local wall time"]
+        tracks = [
+            [Waypoint(place, entered + share * leg.minutes) for place, share in _with_shares(leg.coordinates or [])]
+            for leg, entered in zip(self.legs, self.minutes, strict=False)
+        ]
         turns = [
-            Waypoint(
-                (self.legs[step.first_leg].coordinates or [])[0],
-                self.minutes[step.first_leg],
-                f"{step.turn}: {step.street}",
-                f"{step.metres:.0f} m, {step.minutes:.1f} min",
+            replace(
+                tracks[step.first_leg][0],
+                name=f"{step.turn}: {step.street}",
+                about=f"{step.metres:.0f} m, {step.minutes:.1f} min",
             )
             for step in self.steps or []
         ]
         return gpx(
-            name=f"{self.origin.asked} to {self.destination.asked}",
-            about=f"{about}{likely} {'. '.join(self.sources[1:])}.{zone}",
-            attribution=self.attribution,
-            departure=None if self.departure is None else datetime.fromisoformat(self.departure),
-            turns=[*turns, Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end")],
-            track=[
-                Waypoint(place, entered + share * leg.minutes)
-                for number, (leg, entered) in enumerate(zip(self.legs, self.minutes, strict=False))
-                for place, share in _with_shares(leg.coordinates or [])[number > 0 :]
-            ],
+            f"{self.origin.asked} to {self.destination.asked}",
+            ". ".join([about, *self._arrival(), *self.sources[1:], *zone]) + ".",
+            self.attribution,
+            self.departure,
+            [*turns, Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end")],
+            _joined(tracks),
         )
 
     def to_text(self) -> str:
         """Directions and times for people."""
         low = "" if self.objective is None else f", keeping low {objective_in_words(self.objective)}"
-        warning = f"{self.too_dense} of its streets are entered above the density that nobody should enter."
         missed = "" if self.arrives else " without arriving"
         length = f"{self.metres:,.0f} m, {self.expected_minutes:.1f} min{missed}"
         crowds = f"{self.crowding}, {self.mean_density:.2f} persons/m², {self.exposure:,.0f} person·s/m² met"
+        warning = f"{self.too_dense} of its streets are entered above the density that nobody should enter."
+        ends = [end for end in (self.origin, self.destination) if end.metres_away >= 1]
         lines = [
             f"{self.planner} ({self.level}), departing {self.departs}{low}, if crowds are as expected:",
-            *(
-                f"{end.asked} is {end.metres_away:,.0f} m from the street"
-                for end in (self.origin, self.destination)
-                if end.metres_away >= 1
-            ),
+            *(f"{end.asked} is {end.metres_away:,.0f} m from the street" for end in ends),
             "",
             *self._table(),
             "",
@@ -342,13 +346,16 @@ class RoutePlan(RequestFacts, WalkTimes):
         return table(("", "street", ">metres", ">minutes", "crowds", ">persons/m²"), [*rows, *end])
 
     def _against(self, name: str, baseline: BaselineTimes) -> str:
-        same = baseline.futures == self.futures
+        futures = "the same futures" if baseline.futures == self.futures else f"the first {baseline.futures} of them"
         more, met = baseline.mean_difference_minutes, baseline.mean_difference_exposure
         crowd = "" if met is None else f", {abs(met):,.0f} person·s/m² {'more' if met >= 0 else 'less'} met"
-        return (
-            f"{name} in {'the same futures' if same else f'the first {baseline.futures} of them'}: "
-            f"{baseline.in_words()}; on average {abs(more):.1f} min {'longer' if more >= 0 else 'shorter'}{crowd}"
-        )
+        longer = f"on average {abs(more):.1f} min {'longer' if more >= 0 else 'shorter'}{crowd}"
+        return f"{name} in {futures}: {baseline.in_words()}; {longer}"
+
+
+def _joined(parts: Sequence[Sequence[T]]) -> list[T]:
+    """The points of all parts; those at which two of them meet come once."""
+    return [point for number, part in enumerate(parts) for point in part[number > 0 :]]
 
 
 def _with_shares(course: list[list[float]]) -> list[tuple[list[float], float]]:
