@@ -10,11 +10,11 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from sidestep.crowds.counts import CountTable, read_counts
 from sidestep.crowds.profile import time_of_week
-from sidestep.network.graph import ABSENT, RoadNetwork
+from sidestep.network.graph import ABSENT
 from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
 from sidestep.planners.base import Planner
 from sidestep.planners.reactive import Snapshot
@@ -34,16 +34,17 @@ FUTURES = 200
 LIVE_FUTURES = 20
 """The same in towns for planners that see all counts: forecasts in every slot of every future take long."""
 
+BASELINES: tuple[Planner, ...] = (ShortestPath(), Snapshot())
+"""Planners that plans in towns are compared with."""
+
 SPARE_NODES, SPARE_SEGMENTS = 2, 4
 """Nodes and segments that two ends in the middle of streets add at most. Where they add fewer, arrays are padded, so
 that all requests have the same shapes and share their compiled programs."""
 
-OnMap = tuple[list[Leg], list[Step] | None, StreetMap | None]
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class LocatedRequest:
-    """A request with all that a planner needs to know; on a grid unless it is a :class:`TownRequest`."""
+    """A request with all that a planner needs to know."""
 
     request: RouteRequest
     facts: RequestFacts
@@ -52,11 +53,8 @@ class LocatedRequest:
     scenario_map: ScenarioMap
     """The streets, split at the ends, and the crowds on them from clock 0 on."""
 
-    clock: float
+    clock: float = 0.0
     """Departure, seconds since the scenario's start."""
-
-    hours: tuple[float, ...]
-    """Hour of the week at clock 0."""
 
     futures: int = FUTURES
     """Futures that are simulated by default."""
@@ -67,36 +65,45 @@ class LocatedRequest:
     baselines: tuple[Planner, ...] = ()
     """Planners that the plan is compared with."""
 
-    def on_map(self, legs: list[Leg], _density: Float[np.ndarray, " segment"]) -> OnMap:
+    streets: SplitStreets | None = None
+    """The same streets with their names and coordinates; None on grids."""
+
+    def most_futures(self, planner: Planner, count: int) -> int:
+        """So many futures, or fewer for planners that see all counts."""
+        return min(count, self.live_futures) if planner.observes == "live" else count
+
+    def on_map(
+        self, legs: list[Leg], density: Float[np.ndarray, " segment"]
+    ) -> tuple[list[Leg], list[Step] | None, StreetMap | None]:
         """The legs with their streets, turns, and a map, given the densities on all segments in persons/m²."""
-        return legs, None, None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TownRequest(LocatedRequest):
-    """A request in a town, whose streets have names and coordinates."""
-
-    streets: SplitStreets
-
-    def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
+        if self.streets is None:
+            return legs, None, None
         town, street_of = self.streets.town, self.streets.street
-
-        def named(leg: Leg) -> Leg:
-            street = int(street_of[leg.segment])
-            course = np.round(self.streets.course(leg.segment), 7).tolist()
-            return replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
-
+        named = []
+        for leg in legs:
+            street, course = int(street_of[leg.segment]), np.round(self.streets.course(leg.segment), 7).tolist()
+            named.append(
+                replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
+            )
         densest = np.zeros(town.streets, density.dtype)
         np.maximum.at(densest, street_of, density)
-        legs = list(map(named, legs))
-        return legs, directions(legs), StreetMap(town, densest)
+        return named, directions(named), StreetMap(town, densest)
 
 
 def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteRequest], LocatedRequest]:
-    """A function that finds the ends of requests, and the crowds at the departure, on one map of a scenario.
+    """Prepare to locate requests on one map of a scenario.
 
-    It raises a :class:`SidestepError`, whose ``field`` names the field of the request, for nodes that do not exist,
-    places outside the town, ends that no path connects, and departures and live counts without known crowds.
+    Parameters
+    ----------
+    scenario, scenario_map
+        The problem, and its map.
+
+    Returns
+    -------
+    Callable
+        Finds the ends of a request, and the crowds at its departure. It raises a :class:`SidestepError`, whose
+        ``field`` names the field of the request, for nodes that do not exist, places outside the town, ends that no
+        path connects, and departures and live counts without known crowds.
     """
     match scenario.place:
         case Grid():
@@ -105,47 +112,51 @@ def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteReq
             return TownLocator(scenario, scenario_map, venue).locate
 
 
-def _either_end(request: RouteRequest, nodes: int) -> list[tuple[str, Place]]:
+def _facts(scenario: Scenario, request: RouteRequest, **more: Any) -> RequestFacts:
+    """The facts of a request, of which ``more`` depend on where it was located."""
+    return RequestFacts(
+        scenario=scenario.name,
+        objective=scenario.objective.to_json(),
+        by_minutes=request.by,
+        synthetic=scenario.place.synthetic,
+        **more,
+    )
+
+
+def _ends_asked(request: RouteRequest, nodes: int) -> dict[str, Place]:
     """The places that were asked for, by field; by default the first node and the last."""
-    ends = [("origin", request.origin, 0), ("destination", request.destination, nodes - 1)]
-    asked = [(name, default if place is None else place) for name, place, default in ends]
-    for name, place in asked:
-        if isinstance(place, int) and not 0 <= place < nodes:
-            raise RouteError(f"the {name} is node {place}, but nodes are numbered 0 to {nodes - 1}", field=name)
+    asked: dict[str, Place] = {}
+    for name, place, default in (("origin", request.origin, 0), ("destination", request.destination, nodes - 1)):
+        asked[name] = end = default if place is None else place
+        if isinstance(end, int) and not 0 <= end < nodes:
+            raise RouteError(f"the {name} is node {end}, but nodes are numbered 0 to {nodes - 1}", field=name)
     return asked
 
 
 def _locate_on_grid(scenario: Scenario, scenario_map: ScenarioMap, request: RouteRequest) -> LocatedRequest:
     """Ends are nodes, and the departure is minutes after the scenario's start."""
-    ends, minutes = [], 0 if request.depart is None else request.depart
-    for name, place in _either_end(request, scenario_map.network.nodes):
+    ends: dict[str, End] = {}
+    minutes = 0 if request.depart is None else request.depart
+    for name, place in _ends_asked(request, scenario_map.network.nodes).items():
         if not isinstance(place, int):
             raise RouteError(f"the {name} must be a node: a grid has no latitudes and longitudes", field=name)
-        ends.append(End(place, f"node {place}"))
+        ends[name] = End(place, f"node {place}")
     if isinstance(minutes, datetime) or not 0 <= 60 * minutes < scenario.horizon:
-        raise RouteError(
-            f"the departure must be minutes between 0 and {scenario.horizon / 60:g}, not {minutes}", field="depart"
-        )
+        most = f"{scenario.horizon / 60:g}"
+        raise RouteError(f"the departure must be minutes between 0 and {most}, not {minutes}", field="depart")
     if request.live is not None:
         raise RouteError("a grid has no sensors; leave out the live counts", field="live")
-    facts = RequestFacts(
-        **_common(scenario, request),
-        origin=ends[0],
-        destination=ends[1],
+    facts = _facts(
+        scenario,
+        request,
+        **ends,
         departs=f"{minutes:g} min after the start",
         departure_minutes=minutes,
         attribution="a grid of random lengths",
         crowds="simulated",
         expected_crowds="those that the scenario expects",
     )
-    return LocatedRequest(
-        request=request,
-        facts=facts,
-        scenario=scenario,
-        scenario_map=scenario_map,
-        clock=60 * minutes,
-        hours=(0.0,),
-    )
+    return LocatedRequest(request, facts, scenario, scenario_map, clock=60 * minutes)
 
 
 class TownLocator:
@@ -156,16 +167,15 @@ class TownLocator:
         self._snapper = Snapper(town_of(venue.streets))
         self._source = Path(venue.crowd_source.file).name
         self._sensors = len(set(scenario_map.sensors)) or None
-        self._first_hour = venue.departure_hours(1)[0]
-        self._futures = 1 if venue.certain else FUTURES
 
     def locate(self, request: RouteRequest) -> LocatedRequest:
         """Find both ends on the streets, and the crowds at the departure."""
         hour, time, departs = self._departure(request.depart)
         streets, origin, destination = self._ends(request)
         here, counted = self._with_counts(self._map.on_pieces(streets), request.live, time)
-        facts = RequestFacts(
-            **_common(self._scenario, request),
+        facts = _facts(
+            self._scenario,
+            request,
             origin=origin,
             destination=destination,
             departure=None if time is None else time.isoformat(),
@@ -177,18 +187,9 @@ class TownLocator:
             crowds=self._venue.attribution,
             expected_crowds=self._expected_crowds(hour, counted),
         )
-        return TownRequest(
-            request=request,
-            facts=facts,
-            scenario=self._scenario.changed(departures=(0.0, 0.0)),  # so that no slots are drawn that nobody walks in
-            scenario_map=here,
-            clock=0.0,
-            hours=(self._first_hour if hour is None else hour,),
-            futures=self._futures,
-            live_futures=LIVE_FUTURES,
-            baselines=(ShortestPath(), Snapshot()),
-            streets=streets,
-        )
+        scenario = self._scenario.changed(departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
+        few = {"futures": 1 if self._venue.certain else FUTURES, "live_futures": LIVE_FUTURES}
+        return LocatedRequest(request, facts, scenario, here, **few, baselines=BASELINES, streets=streets)
 
     def _departure(self, depart: datetime | float | None) -> tuple[float | None, datetime | None, str]:
         """Hour of the week and local time, where there are such, and both for people."""
@@ -196,21 +197,18 @@ class TownLocator:
         if not flow.timed:
             if depart is None:
                 return None, None, "as the table begins"
-            raise RouteError(
-                f"{self._source} has slots without times, so walks depart as it begins; leave out the departure",
-                field="depart",
-            )
+            said = "has slots without times, so walks depart as it begins; leave out the departure"
+            raise RouteError(f"{self._source} {said}", field="depart")
         if depart is None:
-            hour, time = self._first_hour, None
-            departs = _day_and_time(hour)
+            hour, time = self._venue.departure_hours(1)[0], None
+            day, minute = divmod(round(60 * hour), 24 * 60)
+            departs = f"{DAYS[day % 7]} {minute // 60:02}:{minute % 60:02}"
         elif isinstance(depart, datetime) and depart.tzinfo is None and depart.year < MAXYEAR:
             hour, time = time_of_week(depart), depart
             departs = f"{DAYS[depart.weekday()]} {depart:%Y-%m-%d %H:%M}"
         else:
-            raise RouteError(
-                f"the departure must be a local time without zone, such as 2025-05-24T12:30, not {depart}",
-                field="depart",
-            )
+            said = "the departure must be a local time without zone, such as 2025-05-24T12:30"
+            raise RouteError(f"{said}, not {depart}", field="depart")
         if not flow.covers(hour):
             raise RouteError(f"{self._source} covers {flow.coverage}, but the departure is {departs}", field="depart")
         return hour, time, departs
@@ -218,25 +216,20 @@ class TownLocator:
     def _ends(self, request: RouteRequest) -> tuple[SplitStreets, End, End]:
         """Both ends, on streets that are split there, so that either end of the street can be walked to."""
         town = self._snapper.town
-        asked = _either_end(request, town.nodes)
+        asked = _ends_asked(request, town.nodes)
         found: list[int | StreetPoint] = []
-        for name, place in asked:
+        for name, place in asked.items():
             with at_fault(name):
                 found.append(place if isinstance(place, int) else self._snapper.nearest(*place))
         streets = padded(split_streets(town, found))
-        origin, destination = map(self._end, streets.nodes, found, (place for _, place in asked))
-        network = streets.network
+        origin, destination = map(self._end, streets.nodes, found, asked.values())
         if origin.node == destination.node:
-            raise RouteError(
-                f"{origin.asked} and {destination.asked} are the same place on these streets; choose two",
-                field="destination",
-            )
-        away = distances_to(network, np.asarray(network.length), destination.node)
+            said = f"{origin.asked} and {destination.asked} are the same place on these streets; choose two"
+            raise RouteError(said, field="destination")
+        away = distances_to(streets.network, np.asarray(streets.network.length), destination.node)
         if not math.isfinite(away[origin.node]):
-            raise RouteError(
-                f"no path leads from {origin.asked} to {destination.asked}; streets may be one-way or unconnected",
-                field="destination",
-            )
+            said = f"no path leads from {origin.asked} to {destination.asked}; streets may be one-way or unconnected"
+            raise RouteError(said, field="destination")
         return streets, origin, destination
 
     def _end(self, node: int, found: int | StreetPoint, asked: Place) -> End:
@@ -252,9 +245,8 @@ class TownLocator:
         if live is None:
             return here, None
         if self._sensors is None:
-            raise RouteError(
-                f"live counts are of sensors, but the crowds of {self._scenario.name} come from a table", field="live"
-            )
+            said = f"live counts are of sensors, but the crowds of {self._scenario.name} come from a table"
+            raise RouteError(said, field="live")
         if time is None:
             raise RouteError("live counts need a departure with its day, such as 2025-05-24T12:30", field="depart")
         with at_fault("live"):
@@ -269,45 +261,30 @@ class TownLocator:
         return f"those {whose} at this hour of the week, whatever the date{more}"
 
 
-def _common(scenario: Scenario, request: RouteRequest) -> dict[str, Any]:
-    """Facts of any request."""
-    return {
-        "scenario": scenario.name,
-        "objective": scenario.objective.to_json(),
-        "by_minutes": request.by,
-        "synthetic": scenario.place.synthetic,
-    }
-
-
-def _day_and_time(hour: float) -> str:
-    day, minute = divmod(round(60 * hour), 24 * 60)
-    return f"{DAYS[day % 7]} {minute // 60:02}:{minute % 60:02}"
-
-
 def padded(streets: SplitStreets) -> SplitStreets:
-    """The same streets with arrays as large as for two ends in the middle of streets.
+    """Pad arrays to the size that they have for two ends in the middle of streets.
 
     No exit leads to the spare nodes and segments, which are copies of the first segment: no walk, no search and no
     cost to go knows of them.
+
+    Parameters
+    ----------
+    streets
+        Split at one end, at two, or at none.
+
+    Returns
+    -------
+    SplitStreets
+        The same streets.
     """
     town, network = streets.town, streets.network
     more = town.nodes + SPARE_NODES - network.nodes
     extra = len(town.street_of_segment()[0]) + SPARE_SEGMENTS - network.segments
     kept = np.append(np.arange(network.segments), np.zeros(extra, int))
-
-    def nodes(array: Array, value: float) -> Array:
-        return jax.device_put(np.pad(np.asarray(array), [(0, more), (0, 0)], constant_values=value))
-
-    def segments(array: Array) -> Array:
-        return jax.device_put(np.asarray(array)[kept])
-
-    exits = (nodes(network.exit_node, ABSENT), nodes(network.exit_segment, ABSENT))
-    of_segments = map(segments, (network.tail, network.head, network.length, network.width))
-    return replace(
-        streets,
-        network=RoadNetwork(nodes(network.position, 0), *exits, *of_segments),
-        parent=streets.parent[kept],
-        street=streets.street[kept],
-        begin=streets.begin[kept],
-        end=streets.end[kept],
-    )
+    of_segments = {name: np.asarray(getattr(network, name))[kept] for name in ("tail", "head", "length", "width")}
+    of_nodes = {
+        name: np.pad(getattr(network, name), [(0, more), (0, 0)], constant_values=value)
+        for name, value in (("position", 0), ("exit_node", ABSENT), ("exit_segment", ABSENT))
+    }
+    pieces = {name: getattr(streets, name)[kept] for name in ("parent", "street", "begin", "end")}
+    return replace(streets, network=replace(network, **jax.device_put(of_nodes | of_segments)), **pieces)

@@ -17,6 +17,7 @@ from sidestep.scenarios.objectives import objective_in_words
 
 T = TypeVar("T")
 _SOURCES = ("attribution", "crowds", "synthetic")
+_DIGITS = {"metres": 2, "minutes": 3, "density": 4}  # in GeoJSON
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class RequestFacts:
     """What is invented, and by how much; empty where nothing is."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class WalkTimes:
     """The times of one planner's walks through simulated futures."""
 
@@ -107,10 +108,8 @@ class WalkTimes:
 
     def in_words(self) -> str:
         """For people."""
-        return (
-            f"median {self.median_minutes:.1f} min, 90 % within {self.p90_minutes:.1f} min, "
-            f"{100 * self.arrival_rate:.1f} % arrive"
-        )
+        arrive = f"{100 * self.arrival_rate:.1f} % arrive"
+        return f"median {self.median_minutes:.1f} min, 90 % within {self.p90_minutes:.1f} min, {arrive}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,11 +250,7 @@ class RoutePlan(RequestFacts, WalkTimes):
             del found[name]
         legs = []
         for leg in self.legs:
-            rounded = {
-                "metres": round(leg.metres, 2),
-                "minutes": round(leg.minutes, 3),
-                "density": round(leg.density, 4),
-            }
+            rounded = {name: round(getattr(leg, name), digits) for name, digits in _DIGITS.items()}
             legs.append(feature("LineString", leg.coordinates or [], part="leg", street=leg.label, **rounded))
         whole = feature("LineString", course, part="route", **found)
         return {"type": "FeatureCollection", **sources, "features": [whole, *legs, *ends]}
@@ -276,31 +271,21 @@ class RoutePlan(RequestFacts, WalkTimes):
             On grids, which have no coordinates (field ``format``).
         """
         course = self.course
-        about = (
-            f"{self.planner}, departing {self.departs}: {self.metres:,.0f} m, {self.expected_minutes:.1f} min "
-            "if crowds are as expected"
-        )
+        length = f"{self.metres:,.0f} m, {self.expected_minutes:.1f} min"
+        summary = f"{self.planner}, departing {self.departs}: {length} if crowds are as expected"
         zone = [] if self.departure is None else ["Times are local wall time"]
+        about = ". ".join([summary, *self._arrival(), *self.sources[1:], *zone]) + "."
         tracks = [
             [Waypoint(place, entered + share * leg.minutes) for place, share in _with_shares(leg.coordinates or [])]
             for leg, entered in zip(self.legs, self.minutes, strict=False)
         ]
-        turns = [
-            replace(
-                tracks[step.first_leg][0],
-                name=f"{step.turn}: {step.street}",
-                about=f"{step.metres:.0f} m, {step.minutes:.1f} min",
-            )
-            for step in self.steps or []
-        ]
-        return gpx(
-            f"{self.origin.asked} to {self.destination.asked}",
-            ". ".join([about, *self._arrival(), *self.sources[1:], *zone]) + ".",
-            self.attribution,
-            self.departure,
-            [*turns, Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end")],
-            _joined(tracks),
-        )
+        turns = []
+        for step in self.steps or []:
+            turn, lasts = f"{step.turn}: {step.street}", f"{step.metres:.0f} m, {step.minutes:.1f} min"
+            turns.append(replace(tracks[step.first_leg][0], name=turn, about=lasts))
+        turns.append(Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end"))
+        name = f"{self.origin.asked} to {self.destination.asked}"
+        return gpx(name, about, self.attribution, self.departure, turns, _joined(tracks))
 
     def to_text(self) -> str:
         """Directions and times for people."""

@@ -83,12 +83,19 @@ class RouteRequest:
 
 
 def read_place(field: str, given: str | Place | None) -> Place | None:
-    """A node, or latitude and longitude in degrees; text as people write them, such as ``60.1699,24.9384``.
+    """Read a node, or latitude and longitude.
 
     Parameters
     ----------
     field
         For errors: ``origin`` or ``destination``.
+    given
+        As people write it, such as ``60.1699,24.9384``, or as it is to be.
+
+    Returns
+    -------
+    Place or None
+        The node, or the degrees of latitude and longitude; None if nothing is given.
 
     Raises
     ------
@@ -101,13 +108,22 @@ def read_place(field: str, given: str | Place | None) -> Place | None:
         return int(given)
     if found := _PLACE.fullmatch(given):
         return float(found[1]), float(found[2])
-    raise RouteError(
-        f"the {field} must be a node or LAT,LON such as 60.1699,24.9384, not {given.strip()!r:.60}", field=field
-    )
+    said = f"the {field} must be a node or LAT,LON such as 60.1699,24.9384"
+    raise RouteError(f"{said}, not {given.strip()!r:.60}", field=field)
 
 
 def read_departure(given: str | datetime | float | None) -> datetime | float | None:
-    """A local time, or minutes after the start; text such as ``2025-05-24T12:30`` or ``30``.
+    """Read a departure.
+
+    Parameters
+    ----------
+    given
+        Text such as ``2025-05-24T12:30`` or ``30``, or as it is to be.
+
+    Returns
+    -------
+    datetime or float or None
+        The local time, or the minutes after the start; None if nothing is given.
 
     Raises
     ------
@@ -122,7 +138,5 @@ def read_departure(given: str | datetime | float | None) -> datetime | float | N
     with suppress(ValueError):
         if len(text) > len("2025-05-24"):
             return datetime.fromisoformat(text)
-    raise RouteError(
-        f"the departure must be a local time such as 2025-05-24T12:30, or minutes on a grid, not {given!r:.60}",
-        field="depart",
-    )
+    said = "the departure must be a local time such as 2025-05-24T12:30, or minutes on a grid"
+    raise RouteError(f"{said}, not {given!r:.60}", field="depart")

@@ -74,6 +74,11 @@ class Router:
     ) -> RoutePlan:
         """Plan a route. The parameters are the fields of :class:`RouteRequest`, or text as people write it.
 
+        Returns
+        -------
+        RoutePlan
+            As :meth:`answer`.
+
         Raises
         ------
         SidestepError
@@ -85,6 +90,16 @@ class Router:
     def answer(self, request: RouteRequest) -> RoutePlan:
         """Plan the route that a request asks for.
 
+        Parameters
+        ----------
+        request
+            What is asked for.
+
+        Returns
+        -------
+        RoutePlan
+            The route, and its times in simulated futures.
+
         Raises
         ------
         SidestepError
@@ -94,22 +109,35 @@ class Router:
         return plan_located(located, self._planner(located))
 
     def _planner(self, located: LocatedRequest) -> Planner:
-        planner = located.request.planner or self._default
+        """Find who plans, and refuse ends that a model does not know which remembers nodes.
+
+        Parameters
+        ----------
+        located
+            The request.
+
+        Returns
+        -------
+        Planner
+            That of the request, or the default.
+
+        Raises
+        ------
+        RouteError
+            An end in the middle of a street (field ``origin`` or ``destination``).
+        """
+        planner, facts = located.request.planner or self._default, located.facts
         if not isinstance(planner, str):
             return planner
-        if planner in self._learned.planners:
-            self._check_learned(located)
-            return self._learned.planners[planner]
-        with at_fault("planner"):
-            return find_planner(planner)
-
-    def _check_learned(self, located: LocatedRequest) -> None:
-        """Refuse ends that a model does not know which remembers nodes."""
-        for field, end in (("origin", located.facts.origin), ("destination", located.facts.destination)):
+        if planner not in self._learned.planners:
+            with at_fault("planner"):
+                return find_planner(planner)
+        for field, end in (("origin", facts.origin), ("destination", facts.destination)):
             if self._learned.index is not None and end.node >= self._map.network.nodes:
                 raise RouteError(f"the model remembers nodes; give the {field} as one", field=field)
         with at_fault("destination"):
-            self._learned.check_destination(located.facts.destination.node)
+            self._learned.check_destination(facts.destination.node)
+        return self._learned.planners[planner]
 
 
 def plan_route(
@@ -121,6 +149,18 @@ def plan_route(
     index: int = 0,
 ) -> RoutePlan:
     """Plan one route; for several through one place make a :class:`Router`, whose parameters the others are.
+
+    Parameters
+    ----------
+    scenario, model, seed, index
+        As for :class:`Router`.
+    request
+        What is asked for.
+
+    Returns
+    -------
+    RoutePlan
+        The route, and its times in simulated futures.
 
     Raises
     ------

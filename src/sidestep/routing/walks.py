@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Bool, Float
 
 from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
@@ -22,9 +22,8 @@ from sidestep.routing.plan import BaselineTimes, RoutePlan, WalkTimes
 from sidestep.routing.request import RouteError
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
-from sidestep.walking.objective import Crossing
 
-T = TypeVar("T")
+T = TypeVar("T", Route, Walk)
 FIRST_SLOTS = 4
 """Slots whose counts are shown to planners that see all counts; doubled until everybody has arrived within them."""
 
@@ -32,20 +31,35 @@ FIRST_SLOTS = 4
 def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
     """Plan a route, walk it through the expected crowds and simulated futures, and walk baselines beside it.
 
+    Parameters
+    ----------
+    located
+        The request.
+    planner
+        Who plans.
+
+    Returns
+    -------
+    RoutePlan
+        The route, and how its walks and those of the baselines went.
+
     Raises
     ------
     RouteError
         A departure so late that the crowds of the walk are not known (field ``depart``).
     """
-    by, by_default = located.facts.by_minutes, located.futures
-    if planner.observes == "live":
-        by_default = min(by_default, located.live_futures)
-    walker = _Walker.of(located, located.request.futures or by_default)
-    route = walker.expected_route(planner)
+    walker = _Walker(located, located.request.futures or located.most_futures(planner, located.futures))
+    alone, count = as_expected(walker.params), walker.params.futures.count
+    route = walker.expected_route(planner, alone)
     _check_covered(located, route)
-    walks = walker.walk(planner, walker.params.futures.count, route.seconds)
+    walks = walker.walk(planner, count, route.seconds)
+    baselines = {
+        other.name: walker.walk(other, located.most_futures(other, count), route.seconds).against(walks)
+        for other in located.baselines
+        if other.name != planner.name
+    }
     density = np.asarray(walker.params.expected.of(jnp.int32(0)).known_density)
-    legs, steps, streets = located.on_map(_legs(walker.alone, density, route), density[:, 0])
+    legs, steps, streets = located.on_map(_legs(alone, density, route), density[:, 0])
     return RoutePlan(
         **vars(located.facts),
         **vars(walks.times()),
@@ -61,8 +75,8 @@ def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
         crowding=crowding_word(mean_density(legs)),
         exposure=sum(leg.exposure for leg in legs),
         too_dense=sum(leg.too_dense for leg in legs),
-        arrive_by=spread(walks.minutes, walks.arrived, by)["arrive_by"],
-        baselines=walker.baselines(walks, route.seconds),
+        arrive_by=spread(walks.minutes, walks.arrived, located.request.by)["arrive_by"],
+        baselines=baselines,
         streets=streets,
     )
 
@@ -71,11 +85,8 @@ def _check_covered(located: LocatedRequest, route: Route) -> None:
     scenario, departure = located.scenario, located.clock
     covered = scenario.slots * scenario.slot_seconds
     if departure + route.seconds > covered and departure > scenario.departures[1]:
-        raise RouteError(
-            f"crowds are known for {covered / 60:g} minutes, but a walk that departs at {departure / 60:g} takes "
-            f"{route.seconds / 60:.0f}; depart earlier",
-            field="depart",
-        )
+        known = f"crowds are known for {covered / 60:g} minutes, but a walk that departs at {departure / 60:g}"
+        raise RouteError(f"{known} takes {route.seconds / 60:.0f}; depart earlier", field="depart")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,76 +99,50 @@ class _Walks:
     exposure: Float[np.ndarray, " future"] | None
 
     def times(self) -> WalkTimes:
-        found = spread(self.minutes, self.arrived, None)
-        return WalkTimes(
-            level=self.planner.level,
-            futures=len(self.minutes),
-            median_minutes=found["median_minutes"],
-            p90_minutes=found["p90_minutes"],
-            arrival_rate=float(self.arrived.mean()),
-        )
+        found, rate = spread(self.minutes, self.arrived, None), float(self.arrived.mean())
+        level, futures = self.planner.level, len(self.minutes)
+        return WalkTimes(level, futures, found["median_minutes"], found["p90_minutes"], rate)
 
     def against(self, plan: "_Walks") -> BaselineTimes:
         """In the mean of those futures that both walked."""
         count, met = len(self.minutes), None
         if self.exposure is not None and plan.exposure is not None:
             met = float(np.mean(self.exposure - plan.exposure[:count]))
-        return BaselineTimes(
-            **vars(self.times()),
-            mean_difference_minutes=float(np.mean(self.minutes - plan.minutes[:count])),
-            mean_difference_exposure=met,
-        )
+        longer = float(np.mean(self.minutes - plan.minutes[:count]))
+        return BaselineTimes(**vars(self.times()), mean_difference_minutes=longer, mean_difference_exposure=met)
 
 
-@dataclass(frozen=True, eq=False)
 class _Walker:
     """Walks one request through expected crowds and through futures."""
 
-    located: LocatedRequest
-    params: EnvParams
-    key: Key[Array, ""]
-
-    @staticmethod
-    def of(located: LocatedRequest, futures: int) -> "_Walker":
-        scenario, here = located.scenario, located.scenario_map
-        params = make_environment(
-            scenario,
-            here,
-            "test",
-            futures,
-            level="map",
-            destinations=np.array([[located.facts.destination.node]]),
-            hours=located.hours,
-            densities=True,
+    def __init__(self, located: LocatedRequest, futures: int) -> None:
+        scenario, here, facts = located.scenario, located.scenario_map, located.facts
+        hour, nodes = facts.hour_of_week, np.array([[facts.destination.node]])
+        hours = scenario.place.departure_hours(1) if hour is None else [hour]
+        self._located, self._key = located, purpose_key(here, "test")
+        self.params = make_environment(
+            scenario, here, "test", futures, level="map", destinations=nodes, hours=hours, densities=True
         )
-        return _Walker(located, params, purpose_key(here, "test"))
 
-    @property
-    def alone(self) -> EnvParams:
-        """The expected crowds as the only future."""
-        return as_expected(self.params)
+    def expected_route(self, planner: Planner, alone: EnvParams) -> Route:
+        """All of the walk through the expected crowds, the only future of ``alone``, however long it is."""
 
-    def expected_route(self, planner: Planner) -> Route:
-        """All of the walk through the expected crowds, however long it is."""
-        once = self._instances(1)
-
-        def whole(params: EnvParams) -> tuple[Route, float]:
+        def whole(params: EnvParams) -> Route:
             trace = params.network.nodes
             while True:
-                (route,) = routes(planner, params, once, self.key, trace)
+                (route,) = routes(planner, params, self._instances(1), self._key, trace)
                 if len(route.segments) < trace:
-                    return route, route.seconds
+                    return route
                 trace *= 8  # it may go on
 
-        return self._informed(planner, self.alone, 0.0, whole)
+        return self._informed(planner, alone, 0.0, whole)
 
     def walk(self, planner: Planner, futures: int, seconds: float) -> _Walks:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""
         todo = self._instances(futures)
 
-        def through(params: EnvParams) -> tuple[Walk, float]:
-            walked = walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
-            return walked, float(walked.seconds.max())
+        def through(params: EnvParams) -> Walk:
+            return walk_plan(planner, params, self._plan(planner, params, todo), todo, self._key)
 
         params = replace(self.params, futures=self.params.futures.first(futures))
         walked = self._informed(planner, params, 1.2 * seconds, through)
@@ -165,34 +150,35 @@ class _Walker:
         met = None if exposure is None else np.asarray(exposure, np.float64)
         return _Walks(planner, minutes, np.asarray(walked.arrived), met)
 
-    def baselines(self, walks: _Walks, seconds: float) -> dict[str, BaselineTimes]:
-        """Other planners in the same futures; those that see all counts in the first of them."""
-        located, count = self.located, len(walks.minutes)
-        few = min(count, located.live_futures)
-        return {
-            planner.name: self.walk(planner, few if planner.observes == "live" else count, seconds).against(walks)
-            for planner in located.baselines
-            if planner.name != walks.planner.name
-        }
-
-    def _informed(
-        self, planner: Planner, params: EnvParams, seconds: float, walk: Callable[[EnvParams], tuple[T, float]]
-    ) -> T:
+    def _informed(self, planner: Planner, params: EnvParams, seconds: float, walk: Callable[[EnvParams], T]) -> T:
         """The result of a walk whose planner sees what its level allows.
 
-        Planners that see all counts are shown those of the first slots: enough for a walk of ``seconds``, and more if
-        ``walk``, which returns a result and its seconds, takes longer.
+        Parameters
+        ----------
+        planner, params
+            The planner, and an environment of level ``map``.
+        seconds
+            Planners that see all counts are shown those of the first slots: enough for a walk of these seconds, and
+            more if it takes longer.
+        walk
+            Walks an environment.
+
+        Returns
+        -------
+        Route or Walk
+            What ``walk`` returns.
         """
-        scenario, departure = self.located.scenario, self.located.clock
+        scenario, departure = self._located.scenario, self._located.clock
         if planner.observes != "live":
-            return walk(params)[0]
+            return walk(params)
         slots, forecasts = FIRST_SLOTS, planner.name != Snapshot.name
         while slots * scenario.slot_seconds < departure + seconds:
             slots *= 2
         while True:
-            flow, shown = self.located.scenario_map.flow, min(slots, scenario.slots)
-            found, took = walk(see_counts(scenario, flow, params, shown, forecasts=forecasts))
-            if departure + took <= slots * scenario.slot_seconds or slots >= scenario.slots:
+            flow, shown = self._located.scenario_map.flow, min(slots, scenario.slots)
+            found = walk(see_counts(scenario, flow, params, shown, forecasts=forecasts))
+            latest = departure + float(np.max(found.seconds))
+            if latest <= slots * scenario.slot_seconds or slots >= scenario.slots:
                 return found
             slots *= 2
 
@@ -206,18 +192,13 @@ class _Walker:
         return eqx.tree_at(lambda plan: plan.own, plan, own)
 
     def _instances(self, count: int) -> Instance:
-        located = self.located
-        return Instance(
-            origin=jnp.full(count, located.facts.origin.node, jnp.int32),
-            destination=jnp.full(count, located.facts.destination.node, jnp.int32),
-            departure=jnp.full(count, located.clock, jnp.float32),
-            future=jnp.arange(count, dtype=jnp.int32),
-        )
+        facts = self._located.facts
+        origin, destination = (jnp.full(count, end.node, jnp.int32) for end in (facts.origin, facts.destination))
+        departure = jnp.full(count, self._located.clock, jnp.float32)
+        return Instance(origin, destination, departure, jnp.arange(count, dtype=jnp.int32))
 
 
-@jax.jit
-def _cross(params: EnvParams, segment: Array, clock: Array) -> Crossing:
-    return cross(params, jnp.int32(0), segment, clock)
+_cross = jax.jit(cross)
 
 
 def _legs(alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route) -> list[Leg]:
@@ -226,7 +207,7 @@ def _legs(alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: R
     length, expected = np.asarray(alone.network.length), alone.expected
 
     def leg(segment: int, before: float, after: float) -> Leg:
-        crossed = _cross(params, jnp.int32(segment), jnp.float32(before))
+        crossed = _cross(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
         slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
         return Leg(
             segment=segment,
