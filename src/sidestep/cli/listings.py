@@ -18,7 +18,7 @@ def planners(*, as_json: options.Json = False) -> None:
     if as_json:
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
-    rows = [(info["name"], info["level"], info["summary"], info["use"]) for info in found]
+    rows = [[str(info[column]) for column in ("name", "level", "summary", "use")] for info in found]
     print_table((), ("planner", "knows", "decides", "use"), rows)
     print("Planners of your own: --planner MODULE:NAME, or the entry point group sidestep.planners.")
 

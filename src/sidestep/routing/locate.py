@@ -21,7 +21,7 @@ from sidestep.planners.reactive import Snapshot
 from sidestep.planners.shortest_path import ShortestPath, distances_to
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.plan import End, RequestFacts, StreetMap
-from sidestep.routing.request import Place, RouteError, RouteRequest, at_fault
+from sidestep.routing.request import Counts, Place, RouteError, RouteRequest, at_fault
 from sidestep.scenarios.build import town_of
 from sidestep.scenarios.maps import ScenarioMap, with_live_counts
 from sidestep.scenarios.model import Scenario
@@ -42,6 +42,9 @@ SPARE_NODES, SPARE_SEGMENTS = 2, 4
 that all requests have the same shapes and share their compiled programs."""
 
 
+OnMap = tuple[list[Leg], list[Step] | None, StreetMap | None]
+
+
 @dataclass(frozen=True, eq=False)
 class LocatedRequest:
     """A request with all that a planner needs to know."""
@@ -53,28 +56,28 @@ class LocatedRequest:
     scenario_map: ScenarioMap
     """The streets, split at the ends, and the crowds on them from clock 0 on."""
 
-    clock: float = 0.0
-    """Departure, seconds since the scenario's start."""
-
-    futures: int = FUTURES
-    """Futures that are simulated by default."""
-
-    live_futures: int = FUTURES
-    """The most of them, by default, for planners that see all counts."""
+    streets: SplitStreets | None = None
+    """The same streets with their names and coordinates; None on grids."""
 
     baselines: tuple[Planner, ...] = ()
     """Planners that the plan is compared with."""
 
-    streets: SplitStreets | None = None
-    """The same streets with their names and coordinates; None on grids."""
+    live_futures: int = FUTURES
+    """The most futures that planners that see all counts walk by default."""
 
-    def most_futures(self, planner: Planner, count: int) -> int:
-        """So many futures, or fewer for planners that see all counts."""
+    clock: float = 0.0
+    """Departure, seconds since the scenario's start."""
+
+    @property
+    def futures(self) -> int:
+        """Futures that are simulated by default."""
+        return 1 if self.scenario.place.certain else FUTURES
+
+    def futures_of(self, planner: Planner, count: int) -> int:
+        """How many of ``count`` futures a planner walks by default."""
         return min(count, self.live_futures) if planner.observes == "live" else count
 
-    def on_map(
-        self, legs: list[Leg], density: Float[np.ndarray, " segment"]
-    ) -> tuple[list[Leg], list[Step] | None, StreetMap | None]:
+    def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
         """The legs with their streets, turns, and a map, given the densities on all segments in persons/m²."""
         if self.streets is None:
             return legs, None, None
@@ -105,11 +108,9 @@ def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteReq
         ``field`` names the field of the request, for nodes that do not exist, places outside the town, ends that no
         path connects, and departures and live counts without known crowds.
     """
-    match scenario.place:
-        case Grid():
-            return partial(_locate_on_grid, scenario, scenario_map)
-        case Venue() as venue:
-            return TownLocator(scenario, scenario_map, venue).locate
+    if isinstance(scenario.place, Grid):
+        return partial(_locate_on_grid, scenario, scenario_map)
+    return TownLocator(scenario, scenario_map, scenario.place).locate
 
 
 def _facts(scenario: Scenario, request: RouteRequest, **more: Any) -> RequestFacts:
@@ -188,8 +189,7 @@ class TownLocator:
             expected_crowds=self._expected_crowds(hour, counted),
         )
         scenario = self._scenario.changed(departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
-        few = {"futures": 1 if self._venue.certain else FUTURES, "live_futures": LIVE_FUTURES}
-        return LocatedRequest(request, facts, scenario, here, **few, baselines=BASELINES, streets=streets)
+        return LocatedRequest(request, facts, scenario, here, streets, BASELINES, LIVE_FUTURES)
 
     def _departure(self, depart: datetime | float | None) -> tuple[float | None, datetime | None, str]:
         """Hour of the week and local time, where there are such, and both for people."""
@@ -235,11 +235,10 @@ class TownLocator:
     def _end(self, node: int, found: int | StreetPoint, asked: Place) -> End:
         if isinstance(found, StreetPoint) and not isinstance(asked, int):
             return End(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
-        longitude, latitude = self._snapper.town.place[node].tolist()
-        return End(node, f"crossing {node}", latitude, longitude)
+        return End(node, f"crossing {node}", *self._snapper.town.place[node, ::-1].tolist())
 
     def _with_counts(
-        self, here: ScenarioMap, live: CountTable | Path | str | None, time: datetime | None
+        self, here: ScenarioMap, live: Counts | None, time: datetime | None
     ) -> tuple[ScenarioMap, int | None]:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""
         if live is None:

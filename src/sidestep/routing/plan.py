@@ -16,7 +16,6 @@ from sidestep.routing.request import NO_COORDINATES, RouteError
 from sidestep.scenarios.objectives import objective_in_words
 
 T = TypeVar("T")
-_SOURCES = ("attribution", "crowds", "synthetic")
 _DIGITS = {"metres": 2, "minutes": 3, "density": 4}  # in GeoJSON
 
 
@@ -241,7 +240,7 @@ class RoutePlan(RequestFacts, WalkTimes):
             On grids, which have no coordinates (field ``format``).
         """
         course, found = self.course, self.to_json()
-        sources = {name: found.pop(name) for name in _SOURCES}
+        sources = {name: found.pop(name) for name in ("attribution", "crowds", "synthetic")}
         ends = [
             feature("Point", [end.longitude, end.latitude], part=part, asked=end.asked)
             for part, end in (("origin", self.origin), ("destination", self.destination))

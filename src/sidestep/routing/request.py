@@ -15,6 +15,9 @@ from sidestep.planners.base import Planner
 Place = int | tuple[float, float]
 """A node, by its number; or, in towns, latitude and longitude in degrees."""
 
+Counts = CountTable | Path | str
+"""A table of counts, or its CSV file."""
+
 NO_COORDINATES = "a grid has no coordinates; choose text or json, or a scenario with real streets, such as helsinki"
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
 _PLACE = re.compile(f"{_NUMBER},{_NUMBER}", re.ASCII)
@@ -72,8 +75,8 @@ class RouteRequest:
     """Number of futures to simulate; by default 200, in towns 20 for planners that see all counts, and 1 where all
     futures are alike."""
 
-    live: CountTable | Path | str | None = None
-    """Current counts, or their CSV file, from which crowds go on; only where crowds are known from sensors."""
+    live: Counts | None = None
+    """Current counts, from which crowds go on; only where crowds are known from sensors."""
 
     def __post_init__(self) -> None:
         if self.by is not None and not (math.isfinite(self.by) and self.by > 0):

@@ -3,13 +3,12 @@
 from datetime import datetime
 from pathlib import Path
 
-from sidestep.crowds.counts import CountTable
 from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, load_planners
 from sidestep.planners.registry import BASELINE, find_planner
 from sidestep.routing.locate import LocatedRequest, locator
 from sidestep.routing.plan import RoutePlan
-from sidestep.routing.request import Place, RouteError, RouteRequest, at_fault, read_departure, read_place
+from sidestep.routing.request import Counts, Place, RouteError, RouteRequest, at_fault, read_departure, read_place
 from sidestep.routing.walks import plan_located
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
@@ -70,7 +69,7 @@ class Router:
         planner: Planner | str | None = None,
         by: float | None = None,
         futures: int | None = None,
-        live: CountTable | Path | str | None = None,
+        live: Counts | None = None,
     ) -> RoutePlan:
         """Plan a route. The parameters are the fields of :class:`RouteRequest`, or text as people write it.
 

@@ -48,13 +48,13 @@ def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
     RouteError
         A departure so late that the crowds of the walk are not known (field ``depart``).
     """
-    walker = _Walker(located, located.request.futures or located.most_futures(planner, located.futures))
+    walker = _Walker(located, located.request.futures or located.futures_of(planner, located.futures))
     alone, count = as_expected(walker.params), walker.params.futures.count
     route = walker.expected_route(planner, alone)
     _check_covered(located, route)
     walks = walker.walk(planner, count, route.seconds)
     baselines = {
-        other.name: walker.walk(other, located.most_futures(other, count), route.seconds).against(walks)
+        other.name: walker.walk(other, located.futures_of(other, count), route.seconds).against(walks)
         for other in located.baselines
         if other.name != planner.name
     }
