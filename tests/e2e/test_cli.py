@@ -60,6 +60,16 @@ def test_help_names_all_commands_and_each_has_help(sidestep):
         assert ("--seed" in said) == (command in WITH_SEED)
 
 
+@pytest.mark.parametrize("command", [(name,) for name in (*WITH_SEED, *WITHOUT_SEED)] + [("counts", "import")])
+def test_help_says_what_every_option_is(command):
+    app = cli.app
+    for name in command:
+        app = app[name]
+    shown = [argument for argument in app.assemble_argument_collection(parse_docstring=True) if argument.show]
+    assert shown
+    assert [argument.name for argument in shown if not argument.parameter.help] == []
+
+
 def test_help_loads_nothing_heavy():
     # So that it is there at once: 0.3 s on a quiet machine.
     loaded = subprocess.run(

@@ -173,7 +173,7 @@ class TownLocator:
         """Find both ends on the streets, and the crowds at the departure."""
         hour, time, departs = self._departure(request.depart)
         streets, origin, destination = self._ends(request)
-        here, counted = self._with_counts(self._map.on_pieces(streets), request.live, time)
+        here, counted = self._counted(self._map.on_pieces(streets), request.live, time)
         facts = _facts(
             self._scenario,
             request,
@@ -237,9 +237,7 @@ class TownLocator:
             return End(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
         return End(node, f"crossing {node}", *self._snapper.town.place[node, ::-1].tolist())
 
-    def _with_counts(
-        self, here: ScenarioMap, live: Counts | None, time: datetime | None
-    ) -> tuple[ScenarioMap, int | None]:
+    def _counted(self, here: ScenarioMap, live: Counts | None, time: datetime | None) -> tuple[ScenarioMap, int | None]:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""
         if live is None:
             return here, None

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -187,9 +186,8 @@ class _Walker:
         if planner.level == "hindsight":
             return planner.plan(params, todo)
         plan = planner.plan(params, self._instances(1))
-        count = todo.origin.shape[0]
-        own = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), count, axis=0), plan.own)
-        return eqx.tree_at(lambda plan: plan.own, plan, own)
+        own = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), len(todo.origin), axis=0), plan.own)
+        return replace(plan, own=own)
 
     def _instances(self, count: int) -> Instance:
         facts = self._located.facts
