@@ -222,9 +222,7 @@ class RoutePlan(RequestFacts, WalkTimes):
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the map, ready for ``json.dumps``."""
-        found = asdict(replace(self, streets=None))
-        del found["streets"]
-        return found
+        return {name: value for name, value in asdict(replace(self, streets=None)).items() if name != "streets"}
 
     def to_geojson(self) -> dict[str, Any]:
         """A GeoJSON feature collection (RFC 7946): the whole route, its legs, and both ends.

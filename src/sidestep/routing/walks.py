@@ -99,8 +99,7 @@ class _Walks:
 
     def times(self) -> WalkTimes:
         found, rate = spread(self.minutes, self.arrived, None), float(self.arrived.mean())
-        level, futures = self.planner.level, len(self.minutes)
-        return WalkTimes(level, futures, found["median_minutes"], found["p90_minutes"], rate)
+        return WalkTimes(self.planner.level, len(self.minutes), found["median_minutes"], found["p90_minutes"], rate)
 
     def against(self, plan: "_Walks") -> BaselineTimes:
         """In the mean of those futures that both walked."""
