@@ -1,7 +1,10 @@
 """Checks that networks and towns have in common."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
-from jaxtyping import Bool, Int, Shaped
+from jaxtyping import Bool, Shaped
 
 from sidestep.errors import SidestepError
 
@@ -32,14 +35,7 @@ def check_each(
         raise error(f"{field} of {item} {worst} is {values[worst]}; it must {must}", field=field)
 
 
-def check_edges(
-    error: type[SidestepError],
-    item: str,
-    nodes: int,
-    *,
-    ends: dict[str, Int[np.ndarray, " edge"]],
-    metres: dict[str, Shaped[np.ndarray, " edge"]],
-) -> None:
+def check_edges(error: type[SidestepError], item: str, nodes: int, columns: Mapping[str, Any]) -> None:
     """Raise an error unless edges join two different known nodes, and their measures are positive.
 
     Parameters
@@ -50,14 +46,13 @@ def check_edges(
         What an edge is called.
     nodes
         Number of nodes.
-    ends
-        Nodes where edges begin, then where they end, by the name of the field.
-    metres
-        Measures by the name of the field.
+    columns
+        Arrays by the name of the field: ``tail`` and ``head``, where edges begin and end, ``length`` and ``width``.
     """
-    for field, node in ends.items():
+    for field in ("tail", "head"):
+        node = columns[field]
         check_each(error, item, field, node, (node >= 0) & (node < nodes), f"be a node, 0 to {nodes - 1}")
-    tail, head = ends.values()
-    check_each(error, item, "head", head, tail != head, "differ from the tail")
-    for field, value in metres.items():
-        check_each(error, item, field, value, np.isfinite(value) & (value > 0), "be a positive number of metres")
+    check_each(error, item, "head", columns["head"], columns["tail"] != columns["head"], "differ from the tail")
+    for field in ("length", "width"):
+        metres = columns[field]
+        check_each(error, item, field, metres, np.isfinite(metres) & (metres > 0), "be a positive number of metres")

@@ -9,21 +9,14 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sidestep.files import check_unpacked, reading, whole_file, write_text
+from sidestep.files import check_unpacked, reading, whole_file
 from sidestep.network.graphml import read_graphml, write_graphml
-from sidestep.network.town import Town, TownError
+from sidestep.network.town import ARRAYS, Town, TownError
 
 FORMAT = 1
 """Version of our .npz files; counts up when what they hold changes."""
-SUFFIXES = (".npz", ".graphml", ".geojson")
-"""Endings of file names, each a format."""
 
-_COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
-    "place": (np.float64, (2,)), "ids": (np.int64, ()), "tail": (np.int32, ()), "head": (np.int32, ()),
-    "one_way": (np.bool_, ()), "length": (np.float32, ()), "width": (np.float32, ()), "signals": (np.int16, ()),
-    "crossings": (np.int16, ()), "points": (np.float64, (2,)), "first": (np.int64, ()),
-}  # fmt: skip
-"""Type of each array of a town, and the shape of one row."""
+_WORDS = ("name", "kind")  # stored as numbers into a vocabulary
 
 
 def check_suffix(path: Path) -> str:
@@ -45,8 +38,8 @@ def check_suffix(path: Path) -> str:
         No format has this ending.
     """
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise TownError(f"{path} names no format for streets; its name must end in {', '.join(SUFFIXES)}")
+    if suffix not in _WRITERS:
+        raise TownError(f"{path} names no format for streets; its name must end in {', '.join(_WRITERS)}")
     return suffix
 
 
@@ -70,15 +63,9 @@ def save_town(town: Town, path: str | Path) -> None:
         An unwritable file.
     """
     path = Path(path)
-    suffix = check_suffix(path)
-    if suffix == ".geojson":
-        write_text(path, json.dumps(_features(town), ensure_ascii=False, separators=(",", ":"), allow_nan=False) + "\n")
-        return
+    write = _WRITERS[check_suffix(path)]
     with whole_file(path) as temporary, temporary.open("wb") as file:
-        if suffix == ".npz":
-            np.savez_compressed(file, allow_pickle=False, **_columns(town))
-        else:
-            write_graphml(town, file)
+        write(town, file)
 
 
 def load_town(path: str | Path) -> Town:
@@ -144,15 +131,12 @@ def load_helsinki() -> Town:
         return load_town(path)
 
 
-def _columns(town: Town) -> dict[str, np.ndarray]:
-    names, name = np.unique(np.array(town.name, np.str_), return_inverse=True)
-    kinds, kind = np.unique(np.array(town.kind, np.str_), return_inverse=True)
-    return {
-        "format": np.array(FORMAT),
-        **{column: getattr(town, column) for column in _COLUMNS},
-        "names": names, "name": name.astype(np.int32), "kinds": kinds, "kind": kind.astype(np.int32),
-        "attribution": np.array(town.attribution),
-    }  # fmt: skip
+def _write_npz(town: Town, file: BinaryIO) -> None:
+    columns = {"format": np.array(FORMAT), **{name: getattr(town, name) for name in ARRAYS}}
+    for name in _WORDS:
+        words, code = np.unique(np.array(getattr(town, name), np.str_), return_inverse=True)
+        columns |= {f"{name}s": words, name: code.astype(np.int32)}
+    np.savez_compressed(file, allow_pickle=False, **columns, attribution=np.array(town.attribution))
 
 
 def _read_npz(file: BinaryIO) -> Town:
@@ -164,15 +148,13 @@ def _read_npz(file: BinaryIO) -> Town:
             raise TownError(
                 f"it has town format {columns['format']!s:.20}, and this version reads {FORMAT}", field="format"
             )
-        arrays: dict[str, Any] = {column: columns[column] for column in _COLUMNS}
-        for column, (kind, row) in _COLUMNS.items():
-            array = arrays[column]
+        found: dict[str, Any] = {name: columns[name] for name in ARRAYS}
+        for name, (kind, row) in ARRAYS.items():
+            array = found[name]
             if array.dtype != kind or array.ndim != 1 + len(row) or array.shape[1:] != row:
-                raise TownError(f"{column} is {array.dtype} of shape {array.shape}", field=column)
-        words: dict[str, Any] = {
-            column: _decoded(columns[f"{column}s"], columns[column], column) for column in ("name", "kind")
-        }
-        return Town(**arrays, **words, attribution=str(columns["attribution"]))
+                raise TownError(f"{name} is {array.dtype} of shape {array.shape}", field=name)
+        found |= {name: _decoded(columns[f"{name}s"], columns[name], name) for name in _WORDS}
+        return Town(**found, attribution=str(columns["attribution"]))
 
 
 def _decoded(vocabulary: np.ndarray, code: np.ndarray, column: str) -> tuple[str, ...]:
@@ -184,8 +166,8 @@ def _decoded(vocabulary: np.ndarray, code: np.ndarray, column: str) -> tuple[str
     return tuple(words[number] for number in code.tolist())
 
 
-def _features(town: Town) -> dict[str, object]:
-    """Build GeoJSON (RFC 7946): a line a street."""
+def _write_geojson(town: Town, file: BinaryIO) -> None:
+    """Write GeoJSON (RFC 7946): a line a street."""
     points, first = np.round(town.points, 7).tolist(), town.first.tolist()
     columns: dict[str, Any] = {
         "tail": town.ids[town.tail].tolist(),
@@ -202,9 +184,15 @@ def _features(town: Town) -> dict[str, object]:
         {
             "type": "Feature",
             "id": street,
-            "properties": {name: column[street] for name, column in columns.items()},
+            "properties": dict(zip(columns, row, strict=True)),
             "geometry": {"type": "LineString", "coordinates": points[first[street] : first[street + 1]]},
         }
-        for street in range(town.streets)
+        for street, row in enumerate(zip(*columns.values(), strict=True))
     ]
-    return {"type": "FeatureCollection", "attribution": town.attribution, "features": features}
+    collection = {"type": "FeatureCollection", "attribution": town.attribution, "features": features}
+    text = json.dumps(collection, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    file.write(f"{text}\n".encode())
+
+
+_WRITERS = {".npz": _write_npz, ".graphml": write_graphml, ".geojson": _write_geojson}
+"""What writes the format that each ending of a file name stands for."""

@@ -173,9 +173,8 @@ def road_network(
             f"{len(head)} heads and {len(length)} lengths",
             field="tail",
         )
-    check_edges(
-        NetworkError, "segment", nodes, ends={"tail": tail, "head": head}, metres={"length": length, "width": width}
-    )
+    columns = {"tail": tail, "head": head, "length": length, "width": width}
+    check_edges(NetworkError, "segment", nodes, columns)
     exit_of = np.asarray(_rank_within(tail) if exit_of is None else exit_of, np.int32)
     exits = int(exit_of.max()) + 1 if exits is None else exits
     known = (exit_of >= 0) & (exit_of < exits)
@@ -205,33 +204,25 @@ def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:
     """
     if len(networks) == 1:
         return networks[0]
-    first_node = np.cumsum([0, *(network.nodes for network in networks)]).tolist()
-    shifted = list(zip(networks, first_node, strict=False))
-    return road_network(
-        np.concatenate([network.position for network in networks]),
-        np.concatenate([np.asarray(network.tail) + first for network, first in shifted]),
-        np.concatenate([np.asarray(network.head) + first for network, first in shifted]),
-        np.concatenate([network.length for network in networks]),
-        width=np.concatenate([network.width for network in networks]),
-        exit_of=np.concatenate([_exit_of(network) for network in networks]),
-        exits=max(network.exits for network in networks),
-    )
+    names = ("position", "tail", "head", "length", "width")
+    position, tail, head, length, width = (np.concatenate([getattr(each, name) for each in networks]) for name in names)
+    first_node = np.cumsum([0, *(each.nodes for each in networks[:-1])])
+    shift = np.repeat(first_node, [each.segments for each in networks])
+    exit_of = np.concatenate([_exit_of(each) for each in networks])
+    exits = max(each.exits for each in networks)
+    return road_network(position, tail + shift, head + shift, length, width=width, exit_of=exit_of, exits=exits)
 
 
 def _exit_of(network: RoadNetwork) -> Int[np.ndarray, " segment"]:
     """Which exit of its tail each segment is."""
     exit_segment = np.asarray(network.exit_segment)
     node, number = np.nonzero(exit_segment != ABSENT)
-    exit_of = np.empty(network.segments, np.int32)
-    exit_of[exit_segment[node, number]] = number
-    return exit_of
+    return number[np.argsort(exit_segment[node, number])]
 
 
 def _rank_within(group: Int[np.ndarray, " item"]) -> Int[np.ndarray, " item"]:
     """0, 1, 2, … within each group, in order of appearance."""
     order = np.argsort(group, kind="stable")
-    ordered = group[order]
-    first = np.searchsorted(ordered, ordered, side="left")
     rank = np.empty(len(group), np.int32)
-    rank[order] = np.arange(len(group)) - first
+    rank[order] = np.arange(len(group)) - np.searchsorted(group[order], group[order])
     return rank

@@ -13,12 +13,10 @@ from jaxtyping import Float, Float64
 
 from sidestep.network.geodesy import course_lengths
 from sidestep.network.tags import FULL_WIDTH, UNKNOWN_WIDTH, WIDTHS, parse_width
-from sidestep.network.town import SAME_DEGREES, Town, TownError
+from sidestep.network.town import ATTRIBUTION, MOST_CROSSINGS, SAME_DEGREES, Town, TownError
 
 _PAIRED = 1.0  # m that a street's length may differ from there to back, where osmnx has rounded or joined
 _LONGEST = 1e9  # m; no street is as long, and single precision holds it
-_COUNTS = np.iinfo(np.int16).max
-_AXES = (("x", 180), ("y", 90))  # degrees
 
 
 def write_graphml(town: Town, file: BinaryIO) -> None:
@@ -52,8 +50,9 @@ def write_graphml(town: Town, file: BinaryIO) -> None:
         graph.add_node(number, x=str(x), y=str(y), street_count=str(streets))
     segments = zip(*(values.tolist() for values in town.street_of_segment()), strict=True)
     for street, backwards in sorted(segments):
-        ends = ids[town.tail[street]], ids[town.head[street]]
-        course = town.course(street)
+        step = -1 if backwards else 1
+        tail, head = (ids[town.tail[street]], ids[town.head[street]])[::step]
+        course = town.course(street)[::step]
         values = {
             "osmid": -1 - street,
             "highway": town.kind[street],
@@ -67,9 +66,8 @@ def write_graphml(town: Town, file: BinaryIO) -> None:
             "street": street,
         }
         if len(course) > 2:
-            line = shapely.LineString(course[::-1] if backwards else course)
-            values["geometry"] = shapely.to_wkt(line, rounding_precision=-1)
-        graph.add_edge(*(ends[::-1] if backwards else ends), **{k: str(v) for k, v in values.items() if v != ""})
+            values["geometry"] = shapely.to_wkt(shapely.LineString(course), rounding_precision=-1)
+        graph.add_edge(tail, head, **{key: str(value) for key, value in values.items() if value != ""})
     nx.write_graphml_xml(graph, file)
 
 
@@ -102,86 +100,80 @@ def read_graphml(file: BinaryIO) -> Town:
     crs = str(graph.graph.get("crs", "epsg:4326")).lower()
     if crs not in ("epsg:4326", "wgs84", "wgs 84", "ogc:crs84"):
         raise TownError(f"its coordinates are in {crs:.40}, not in degrees (epsg:4326)", field="crs")
-    labels = list(graph.nodes)
     place = np.array(
-        [[_number(graph.nodes[node].get(axis), axis, f"node {node}", most) for axis, most in _AXES] for node in labels]
-    ).reshape(-1, 2)
-    number = {node: index for index, node in enumerate(labels)}
-    edges = [
-        _Edge(count, number[u], number[v], values, place)
-        for count, (u, v, values) in enumerate(graph.edges(data=True))
-        if u != v
-    ]
+        [
+            [_number(values.get(axis), axis, f"node {label}", most) for axis, most in (("x", 180), ("y", 90))]
+            for label, values in graph.nodes(data=True)
+        ]
+    )
+    number = {label: index for index, label in enumerate(graph)}
+    numbered = enumerate(graph.edges(data=True))
+    edges = [_Edge(count, number[u], number[v], values, place) for count, (u, v, values) in numbered if u != v]
     if not edges:
         raise TownError("it has no streets between two crossings", field="edge")
     streets = _paired(edges)
-    used, ends = np.unique([[edge.tail, edge.head] for edge, _ in streets], return_inverse=True)
-    tail, head = ends.reshape(-1, 2).T.astype(np.int32, order="C")
-    return Town(
-        place=place[used],
-        ids=np.array([_identity(labels[node], node) for node in used.tolist()], np.int64),
-        tail=tail,
-        head=head,
-        one_way=np.array([one_way for _, one_way in streets]),
-        length=np.array([edge.length for edge, _ in streets], np.float32),
-        width=np.array([edge.width for edge, _ in streets], np.float32),
-        kind=tuple(edge.kind for edge, _ in streets),
-        name=tuple(edge.name for edge, _ in streets),
-        signals=np.array([edge.signals for edge, _ in streets], np.int16),
-        crossings=np.array([edge.crossings for edge, _ in streets], np.int16),
-        points=np.concatenate([edge.course for edge, _ in streets]),
-        first=np.cumsum([0, *(len(edge.course) for edge, _ in streets)], dtype=np.int64),
-        attribution=str(graph.graph.get("attribution", "© OpenStreetMap contributors, ODbL 1.0")),
+    columns: dict[str, Any] = {
+        name: tuple(getattr(edge, name) for edge in streets)
+        for name in ("one_way", "length", "width", "kind", "name", "signals", "crossings")
+    }
+    return Town.of_streets(
+        np.array([edge.ends for edge in streets]),
+        **columns,
+        place=place,
+        # Nodes whose labels are not numbers of OpenStreetMap are numbered as they come in the file.
+        ids=np.array([int(label) if re.fullmatch(r"-?\d{1,18}", label) else node for label, node in number.items()]),
+        points=np.concatenate([edge.course for edge in streets]),
+        first=np.cumsum([0, *(len(edge.course) for edge in streets)]),
+        attribution=str(graph.graph.get("attribution", ATTRIBUTION)),
     )
 
 
 class _Edge:
-    """One directed edge, its values made sense of."""
+    """One directed edge, its values made sense of; a street with others it is paired with."""
 
     def __init__(
         self, number: int, tail: int, head: int, values: dict[str, Any], place: Float[np.ndarray, "node 2"]
     ) -> None:
         where = f"edge {number}"
-        self.number, self.tail, self.head = number, tail, head
-        self.course = _course(values.get("geometry"), place[tail], place[head], where)
+        self.number, self.ends, self.one_way = number, (tail, head), True
+        self.course = _course(values.get("geometry"), place[[tail, head]], where)
         self.kind = next(iter(_words(values.get("highway"))), "")
         self.name = " / ".join(_words(values.get("name")))
         self.osmid = tuple(sorted(_words(values.get("osmid"))))
         # Joined ways that were drawn in both directions have both values: the edge is not backwards of anything.
         self.reversed = _words(values.get("reversed")) == ["True"]
         self.street = int(_number(values.get("street", -1), "street", where, 2**53))
-        self.signals = int(_number(values.get("signals", 0), "signals", where, _COUNTS))
-        self.crossings = int(_number(values.get("crossings", 0), "crossings", where, _COUNTS))
+        self.signals = int(_number(values.get("signals", 0), "signals", where, MOST_CROSSINGS))
+        self.crossings = int(_number(values.get("crossings", 0), "crossings", where, MOST_CROSSINGS))
         (measured,) = course_lengths(self.course, np.array([0, len(self.course)])).tolist()
         self.length = _number(values.get("length", measured), "length", where)
         self.width = _width(values, self.kind, where)
 
 
-def _paired(edges: Iterable[_Edge]) -> list[tuple[_Edge, bool]]:
-    """List each street once, and whether it is one-way: no edge leads back with the same numbers and length."""
+def _paired(edges: Iterable[_Edge]) -> list[_Edge]:
+    """List each street once; it is one-way where no edge leads back with the same numbers and length."""
     between: defaultdict[tuple[object, ...], list[_Edge]] = defaultdict(list)
     for edge in sorted(edges, key=lambda edge: edge.length):
-        between[min(edge.tail, edge.head), max(edge.tail, edge.head), edge.osmid].append(edge)
+        between[min(edge.ends), max(edge.ends), edge.osmid].append(edge)
     streets = []
     for group in between.values():
-        waiting = [edge for edge in group if edge.tail > edge.head]
-        for edge in (edge for edge in group if edge.tail < edge.head):
+        waiting = [edge for edge in group if edge.ends[0] > edge.ends[1]]
+        for edge in (edge for edge in group if edge.ends[0] < edge.ends[1]):
             back = min(waiting, key=lambda other: abs(other.length - edge.length), default=None)
-            if back is None or abs(back.length - edge.length) > _PAIRED:
-                streets.append((edge, True))
-                continue
-            waiting.remove(back)
-            streets.append((back if edge.reversed and not back.reversed else edge, False))
-        streets += [(edge, True) for edge in waiting]
-    return sorted(streets, key=lambda street: (street[0].street, street[0].number))
+            street = edge
+            if back is not None and abs(back.length - edge.length) <= _PAIRED:
+                waiting.remove(back)
+                street = back if edge.reversed and not back.reversed else edge
+                street.one_way = False
+            streets.append(street)
+        streets += waiting
+    return sorted(streets, key=lambda street: (street.street, street.number))
 
 
-def _course(
-    geometry: str | None, start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"], where: str
-) -> Float64[np.ndarray, "point 2"]:
+def _course(geometry: str | None, ends: Float[np.ndarray, "2 2"], where: str) -> Float64[np.ndarray, "point 2"]:
     """Read a line in well-known text, or draw a straight one; both ends are where the crossings are."""
     if geometry is None:
-        return np.stack([start, end])
+        return ends
     line = shapely.from_wkt(geometry, on_invalid="ignore")
     if line is None or line.geom_type != "LineString" or line.is_empty:
         raise TownError(
@@ -189,9 +181,8 @@ def _course(
             field="geometry",
         )
     points = shapely.get_coordinates(line)
-    before = [start[None]] * bool(np.abs(points[0] - start).max() > SAME_DEGREES)
-    after = [end[None]] * bool(np.abs(points[-1] - end).max() > SAME_DEGREES)
-    return np.concatenate([*before, points, *after])
+    apart = np.abs(points[[0, -1]] - ends).max(axis=1) > SAME_DEGREES
+    return np.concatenate([ends[:1][apart[:1]], points, ends[1:][apart[1:]]])
 
 
 def _words(value: object) -> list[str]:
@@ -227,8 +218,3 @@ def _number(value: object, field: str, where: str, most: float = _LONGEST) -> fl
     if not abs(number) <= most:
         raise TownError(f"{field} of {where:.40} is {value!s:.40}; it must be a number up to {most:,g}", field=field)
     return number
-
-
-def _identity(label: str, index: int) -> int:
-    """Read OpenStreetMap's number of a node; nodes with other labels are numbered as they come in the file."""
-    return int(label) if re.fullmatch(r"-?\d{1,18}", label) else index

@@ -1,8 +1,8 @@
 """The streets of a real place as plain arrays: what the importer makes and what files hold."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int, Int16, Int32, Int64
@@ -14,8 +14,18 @@ from sidestep.network.geodesy import Projection
 if TYPE_CHECKING:
     from sidestep.network.graph import RoadNetwork
 
+ATTRIBUTION = "© OpenStreetMap contributors, ODbL 1.0"
+"""Whose the data of OpenStreetMap are, and under which licence."""
 SAME_DEGREES = 1e-7
 """Degrees within which coordinates are the same: OpenStreetMap's resolution, about 1 cm."""
+MOST_CROSSINGS = np.iinfo(np.int16).max
+"""Largest number of crossings of vehicle traffic along a street that a town can hold."""
+ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+    "place": (np.float64, (2,)), "ids": (np.int64, ()), "tail": (np.int32, ()), "head": (np.int32, ()),
+    "one_way": (np.bool_, ()), "length": (np.float32, ()), "width": (np.float32, ()), "signals": (np.int16, ()),
+    "crossings": (np.int16, ()), "points": (np.float64, (2,)), "first": (np.int64, ()),
+}  # fmt: skip
+"""Type of each array of a town, and the shape of one row."""
 
 
 class TownError(SidestepError):
@@ -67,10 +77,32 @@ class Town:
 
     def __post_init__(self) -> None:
         _check(self)
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
+        for name in ARRAYS:
+            getattr(self, name).setflags(write=False)
+
+    @classmethod
+    def of_streets(cls, ends: Int[np.ndarray, "street 2"], **columns: Any) -> "Town":
+        """Build a town of the nodes that streets join; other nodes are left out.
+
+        Parameters
+        ----------
+        ends
+            Indices of the nodes where each street begins and ends.
+        columns
+            What else a town has, ``place`` and ``ids`` for all nodes. Arrays are converted to the types of a town.
+
+        Returns
+        -------
+        Town
+            Streets in the order given, crossings in that of the nodes.
+        """
+        used, renumbered = np.unique(ends, return_inverse=True)
+        tail, head = renumbered.reshape(-1, 2).T
+        columns |= {"tail": tail, "head": head, "place": columns["place"][used], "ids": columns["ids"][used]}
+        arrays: dict[str, Any] = {
+            name: np.ascontiguousarray(columns.pop(name), kind) for name, (kind, _) in ARRAYS.items()
+        }
+        return cls(**arrays, **columns)
 
     @property
     def nodes(self) -> int:
@@ -155,8 +187,7 @@ def _check(town: Town) -> None:
     if not town.streets:
         raise TownError("a town needs at least one street", field="tail")
     for field in ("head", "one_way", "length", "width", "kind", "name", "signals", "crossings"):
-        if len(getattr(town, field)) != town.streets:
-            given = len(getattr(town, field))
+        if (given := len(getattr(town, field))) != town.streets:
             raise TownError(f"there are {town.streets} streets, but {field} is given for {given}", field=field)
     if len(town.place) != town.nodes:
         raise TownError(f"there are {town.nodes} crossings, but place is given for {len(town.place)}", field="place")
@@ -164,13 +195,7 @@ def _check(town: Town) -> None:
         degrees = getattr(town, field)
         fine = (np.abs(degrees) <= (180, 90)).all(axis=1)  # NaN is not
         check_each(TownError, item, field, degrees, fine, "be longitude -180 to 180 and latitude -90 to 90")
-    check_edges(
-        TownError,
-        "street",
-        town.nodes,
-        ends={"tail": town.tail, "head": town.head},
-        metres={"length": town.length, "width": town.width},
-    )
+    check_edges(TownError, "street", town.nodes, vars(town))
     for field in ("signals", "crossings"):
         check_each(TownError, "street", field, getattr(town, field), getattr(town, field) >= 0, "be 0 or more")
     first = town.first
