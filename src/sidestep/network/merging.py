@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int64
 
-from sidestep.network.geodesy import course_lengths
-from sidestep.network.streets import Streets, ranges
-from sidestep.network.tags import CrossingKind
+from sidestep.network.geodesy import Projection, course_lengths
+from sidestep.network.streets import Nodes, Streets
+from sidestep.network.tags import FULL_WIDTH, WIDTHS, CrossingKind
 
 SAME_PLACE = 0.1
 """Metres along a street within which its ends are one crossing even where nothing is to be merged."""
@@ -20,9 +20,7 @@ MOST_NEIGHBOURS = 7
 """Of a merged crossing: every crossing is padded to the exits of the busiest one."""
 
 
-def assign_crossings(
-    streets: Streets, kind: Int[np.ndarray, " node"], full_width: Bool[np.ndarray, " street"]
-) -> Streets:
+def assign_crossings(streets: Streets, kind: Int[np.ndarray, " node"]) -> Streets:
     """Count each crossing of vehicle traffic at the end of several streets for exactly one of them.
 
     That is the shortest of the footways and other ways walked on their full width, since it is the one most likely to
@@ -34,22 +32,18 @@ def assign_crossings(
         All streets.
     kind
         What each node is, see `sidestep.network.tags.CrossingKind`.
-    full_width
-        Which streets are walked on their full width.
 
     Returns
     -------
     Streets
         The same streets with more ``signals`` and ``crossings``.
     """
-    street = np.tile(np.arange(len(streets)), 2)
-    node = streets.ends.T.ravel()
-    at = kind[node] > CrossingKind.NONE
-    street, node = street[at], node[at]
-    order = np.lexsort((street, streets.length[street], ~full_width[street], node))
-    street, node = street[order], node[order]
-    once = np.diff(node, prepend=-1) > 0
-    street, node = street[once], node[once]
+    is_road = np.array([kind not in FULL_WIDTH for kind in WIDTHS])[streets.kind]
+    street, end = np.nonzero(kind[streets.ends] > CrossingKind.NONE)
+    node = streets.ends[street, end]
+    order = np.lexsort((streets.length[street], is_road[street], node))
+    first = order[np.diff(node[order], prepend=-1) > 0]
+    street, node = street[first], node[first]
     signals, unsignalised = (
         np.bincount(street[kind[node] == each], minlength=len(streets))
         for each in (CrossingKind.SIGNALS, CrossingKind.UNSIGNALISED)
@@ -57,13 +51,7 @@ def assign_crossings(
     return replace(streets, signals=streets.signals + signals, crossings=streets.crossings + unsignalised)
 
 
-def merge_crossings(
-    streets: Streets,
-    place: Float[np.ndarray, "node 2"],
-    xy: Float[np.ndarray, "node 2"],
-    ids: Int[np.ndarray, " node"],
-    metres: float,
-) -> tuple[Streets, int]:
+def merge_crossings(streets: Streets, nodes: Nodes, metres: float) -> Streets:
     """Merge crossings that are joined by short streets.
 
     The shortest streets go first. A street stays if its merged crossing would be larger than twice ``metres`` (the
@@ -79,38 +67,39 @@ def merge_crossings(
     ----------
     streets
         All streets.
-    place, xy, ids
-        Longitude and latitude, metres on a plane, and OpenStreetMap's number of each node.
+    nodes
+        The nodes that streets join.
     metres
         Length below which a street is short.
 
     Returns
     -------
-    Streets, int
-        The streets that are left, and how many went.
+    Streets
+        The streets that are left.
     """
     least = max(metres, SAME_PLACE)
     short = np.flatnonzero(streets.length < least)
     if not len(short):
-        return streets, 0
+        return streets
+    known = nodes.place[~np.isnan(nodes.place[:, 0])]
+    xy = np.nan_to_num(Projection.of(known).project(nodes.place))
     cluster = _clusters(streets, short[np.argsort(streets.length[short], kind="stable")], xy, 2 * least)
-    gone = (streets.length < least) & (cluster[streets.tail] == cluster[streets.head])
-    total = np.stack([np.bincount(cluster, xy[:, axis]) for axis in (0, 1)], axis=1)
-    mean = total / np.maximum(np.bincount(cluster), 1)[:, None]
-    order = np.lexsort((ids, np.hypot(*(xy - mean[cluster]).T), cluster))
-    nearest = np.zeros(len(mean), np.int64)
-    nearest[cluster[order[::-1]]] = order[::-1]  # the last to be written is the nearest
+    gone = (streets.length < least) & (cluster[streets.ends[:, 0]] == cluster[streets.ends[:, 1]])
+    total = np.stack([np.bincount(cluster, along) for along in xy.T], axis=1)
+    mean = total / np.bincount(cluster)[:, None]
+    order = np.lexsort((nodes.ids, np.hypot(*(xy - mean[cluster]).T), cluster))
+    nearest = order[np.diff(cluster[order], prepend=-1) > 0]
     representative = nearest[cluster]
     streets = _pass_on_crossings(streets, gone, representative)
-    return _extend(streets.keep(~gone), representative, place), int(gone.sum())
+    return _extend(streets.keep(~gone), representative, nodes.place)
 
 
 def _clusters(
     streets: Streets, order: Int[np.ndarray, " short"], xy: Float[np.ndarray, "node 2"], extent: float
 ) -> Int64[np.ndarray, " node"]:
-    """Contract short streets in the order given; number the cluster that each node then belongs to."""
+    """Contract short streets in the order given; number the cluster, from 0, that each node then belongs to."""
     parent = list(range(len(xy)))
-    box: dict[int, tuple[float, float, float, float]] = {}
+    low, high = xy.copy(), xy.copy()  # corners of the box around each cluster, at its root
     near = _neighbours(streets, order)
 
     def root(node: int) -> int:
@@ -122,25 +111,22 @@ def _clusters(
         a, b = root(tail), root(head)
         if a == b:
             continue
-        (west, south, east, north), other = (box.get(i, (*xy[i].tolist(), *xy[i].tolist())) for i in (a, b))
-        west, south = min(west, other[0]), min(south, other[1])
-        east, north = max(east, other[2]), max(north, other[3])
+        corners = np.minimum(low[a], low[b]), np.maximum(high[a], high[b])
+        diagonal = np.hypot(*(corners[1] - corners[0]))
         around = {root(node) for node in near[a] | near[b]} - {a, b}
         # Nodes at the same place merge in any case, since no street can be 0 m long.
-        same = (west, south) == (east, north)
-        if same or (np.hypot(east - west, north - south) <= extent and len(around) <= MOST_NEIGHBOURS):
+        if diagonal == 0 or (diagonal <= extent and len(around) <= MOST_NEIGHBOURS):
             parent[b] = a
-            box[a] = (west, south, east, north)
+            low[a], high[a] = corners
             near[a] = around
-    return np.array([root(node) for node in range(len(xy))], np.int64)
+    return np.unique([root(node) for node in range(len(xy))], return_inverse=True)[1]
 
 
 def _neighbours(streets: Streets, short: Int[np.ndarray, " short"]) -> dict[int, set[int]]:
     """Find the nodes around each end of the short streets."""
     ends = np.unique(streets.ends[short])
     near: dict[int, set[int]] = {node: set() for node in ends.tolist()}
-    touching = np.isin(streets.ends, ends).any(axis=1)
-    for tail, head in streets.ends[touching].tolist():
+    for tail, head in streets.ends[np.isin(streets.ends, ends).any(axis=1)].tolist():
         near.get(tail, set()).add(head)
         near.get(head, set()).add(tail)
     return near
@@ -168,13 +154,9 @@ def _pass_on_crossings(
 
 def _extend(streets: Streets, representative: Int[np.ndarray, " node"], place: Float[np.ndarray, "node 2"]) -> Streets:
     """Extend courses to the nodes that represent merged crossings."""
-    tail, head = representative[streets.ends].T
-    before, after = tail != streets.tail, head != streets.head
-    counts = np.diff(streets.first)
-    _, first = ranges(streets.first[:-1], counts + before + after)
-    to, _ = ranges(first[:-1] + before, counts)
-    points = np.empty((first[-1], 2))
-    points[to] = streets.points
-    points[first[:-1][before]] = place[tail[before]]
-    points[first[1:][after] - 1] = place[head[after]]
-    return replace(streets, tail=tail, head=head, points=points, first=first, length=course_lengths(points, first))
+    ends = representative[streets.ends]
+    before, after = (ends != streets.ends).T
+    at = np.concatenate([streets.first[1:][after], streets.first[:-1][before]])
+    points = np.insert(streets.points, at, place[np.concatenate([ends[after, 1], ends[before, 0]])], axis=0)
+    first = streets.first + np.append(0, np.cumsum(before.astype(int) + after))
+    return replace(streets, ends=ends, points=points, first=first, length=course_lengths(points, first))

@@ -1,28 +1,24 @@
 """From an OpenStreetMap extract to a town: the streets that people walk. Nothing is downloaded."""
 
 import math
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
-from sidestep.network.geodesy import Projection, course_lengths
+from sidestep.network.geodesy import course_lengths
 from sidestep.network.merging import assign_crossings, merge_crossings
-from sidestep.network.osm_file import Nodes, OsmError, Ways, read_walkable
-from sidestep.network.simplify import simplify
-from sidestep.network.streets import Streets, largest_component, ranges
-from sidestep.network.tags import FULL_WIDTH, WIDTHS, CrossingKind, width_table
-from sidestep.network.town import Town
+from sidestep.network.osm_file import OsmError, Ways, read_walkable
+from sidestep.network.simplify import JOINED, simplify
+from sidestep.network.streets import Nodes, Streets, largest_component, ranges
+from sidestep.network.tags import WIDTHS, CrossingKind, width_table
+from sidestep.network.town import ATTRIBUTION, MOST_CROSSINGS, Town
 
 MERGE = 8.0
 """Metres; the default for merging crossings."""
-ATTRIBUTION = "© OpenStreetMap contributors, ODbL 1.0"
-"""Whose the data are."""
-
-_MOST = np.iinfo(np.int16).max
 
 
 @dataclass(frozen=True)
@@ -114,13 +110,13 @@ def import_osm(
     streets = _split(ways, nodes)
     if not len(streets):
         raise OsmError(f"{path}: no streets, since it lacks the nodes of its {len(ways.counts):,} walkable ways")
-    dropped, repaired = Counter(ways.dropped), Counter(ways.repaired)
-    inside = largest_component(streets)
-    dropped["street: outside the largest connected part"] = int((~inside).sum())
-    before = streets.keep(inside)
-    streets, dropped["street: inside a merged crossing"] = _merge(before, nodes, merge)
-    streets, redundant, repaired["crossing: two streets joined into one"] = simplify(streets, merge)
-    dropped += redundant
+    before = streets.keep(largest_component(streets))
+    ways.dropped["street: outside the largest connected part"] = len(streets) - len(before)
+    streets = merge_crossings(assign_crossings(before, nodes.kind), nodes, merge)
+    ways.dropped["street: inside a merged crossing"] = len(before) - len(streets)
+    streets, fewer = simplify(streets, merge)
+    ways.repaired[JOINED] = fewer.pop(JOINED)
+    ways.dropped.update(fewer)
     if not len(streets):
         raise OsmError(f"{path}: no street between two crossings is left when those within {merge:g} m are merged")
     town = _town(ways, nodes, streets)
@@ -129,8 +125,8 @@ def import_osm(
         source=path.name,
         ways=ways.read,
         walkable=len(ways.counts),
-        dropped={what: number for what, number in dropped.items() if number},
-        repaired={what: number for what, number in repaired.items() if number},
+        dropped=dict(+ways.dropped),
+        repaired=dict(+ways.repaired),
         nodes_before=len(np.unique(before.ends)),
         streets_before=len(before),
         kilometres_before=float(before.length.sum()) / 1000,
@@ -166,8 +162,7 @@ def _split(ways: Ways, nodes: Nodes) -> Streets:
         return count[end] - count[begin + 1]
 
     return Streets(
-        tail=node[begin],
-        head=node[end],
+        ends=np.stack([node[begin], node[end]], axis=1),
         one_way=np.array(ways.one_way, bool)[way[begin]],
         length=course_lengths(points, first),
         width=np.array(ways.widths, np.float64)[way[begin]],
@@ -180,31 +175,13 @@ def _split(ways: Ways, nodes: Nodes) -> Streets:
     )
 
 
-def _merge(streets: Streets, nodes: Nodes, merge: float) -> tuple[Streets, int]:
-    full_width = np.array([kind in FULL_WIDTH for kind in WIDTHS])[streets.kind]
-    known = nodes.place[~np.isnan(nodes.place[:, 0])]
-    xy = np.nan_to_num(Projection.of(known).project(nodes.place))
-    streets = assign_crossings(streets, nodes.kind, full_width)
-    return merge_crossings(streets, nodes.place, xy, nodes.ids, merge)
-
-
 def _town(ways: Ways, nodes: Nodes, streets: Streets) -> Town:
-    used, ends = np.unique(streets.ends, return_inverse=True)
-    tail, head = ends.reshape(-1, 2).T.astype(np.int32, order="C")
-    names, kinds = list(ways.name_codes), list(WIDTHS)
-    return Town(
-        place=nodes.place[used],
-        ids=nodes.ids[used],
-        tail=tail,
-        head=head,
-        one_way=streets.one_way,
-        length=streets.length.astype(np.float32),
-        width=streets.width.astype(np.float32),
-        kind=tuple(kinds[code] for code in streets.kind.tolist()),
-        name=tuple(names[code] for code in streets.name.tolist()),
-        signals=np.minimum(streets.signals, _MOST).astype(np.int16),
-        crossings=np.minimum(streets.crossings, _MOST).astype(np.int16),
-        points=streets.points,
-        first=streets.first,
-        attribution=ATTRIBUTION,
-    )
+    kinds, names = list(WIDTHS), list(ways.name_codes)
+    columns: dict[str, Any] = {
+        **vars(streets),
+        "kind": tuple(kinds[code] for code in streets.kind.tolist()),
+        "name": tuple(names[code] for code in streets.name.tolist()),
+        "signals": np.minimum(streets.signals, MOST_CROSSINGS),
+        "crossings": np.minimum(streets.crossings, MOST_CROSSINGS),
+    }
+    return Town.of_streets(**columns, place=nodes.place, ids=nodes.ids, attribution=ATTRIBUTION)

@@ -9,17 +9,15 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float64, Int8, Int64
+import osmium
+from jaxtyping import Int64
 
 from sidestep.errors import SidestepError
 from sidestep.files import reading
+from sidestep.network.streets import Nodes
 from sidestep.network.tags import WIDTHS, CrossingKind, crossing_kind, direction, exclusion_reason, walkable_width
-
-if TYPE_CHECKING:
-    import osmium
 
 FORMATS = {".osm": "osm", ".osm.gz": "osm.gz", ".osm.bz2": "osm.bz2", ".osm.pbf": "pbf", ".pbf": "pbf"}
 """The reader's name of the format that each ending of a file name stands for."""
@@ -58,18 +56,6 @@ class Ways:
     """Number of ways that were changed, by what was done."""
 
 
-@dataclass(frozen=True, eq=False)
-class Nodes:
-    """The nodes along walkable ways, in the order of their numbers."""
-
-    ids: Int64[np.ndarray, " node"]
-    """OpenStreetMap's numbers, ascending."""
-    place: Float64[np.ndarray, "node 2"]
-    """Longitude and latitude in degrees; NaN where the file lacks the node."""
-    kind: Int8[np.ndarray, " node"]
-    """See `sidestep.network.tags.CrossingKind`."""
-
-
 def read_walkable(path: Path, widths: Mapping[str, float]) -> tuple[Ways, Nodes]:
     """Read the walkable ways of a file, and the nodes along them.
 
@@ -90,16 +76,14 @@ def read_walkable(path: Path, widths: Mapping[str, float]) -> tuple[Ways, Nodes]
     OsmError
         Another ending; a file that is missing, damaged, or without walkable ways.
     """
-    suffixes = [suffix for suffix in FORMATS if path.name.lower().endswith(suffix)]
-    if not suffixes:
+    formats = [name for suffix, name in FORMATS.items() if path.name.lower().endswith(suffix)]
+    if not formats:
         raise OsmError(f"{path} is not named like an OpenStreetMap file; its name must end in {', '.join(FORMATS)}")
     # The reader opens the file itself, but might take its name for a web address, or for the standard input.
     with reading(path, OsmError, "OpenStreetMap data") as opened:
         if not opened.read(1):
             raise OsmError("it is empty")
-        import osmium
-
-        file = osmium.io.File(str(path.resolve()), FORMATS[max(suffixes, key=len)])
+        file = osmium.io.File(str(path.resolve()), formats[0])
         ways = _read_ways(file, widths)
         if not ways.counts:
             found = f"none of its {ways.read:,} highways is walkable" if ways.read else "it holds no highways"
@@ -110,9 +94,7 @@ def read_walkable(path: Path, widths: Mapping[str, float]) -> tuple[Ways, Nodes]
             raise OsmError(f"it is damaged: {error}") from error
 
 
-def _read_ways(file: "osmium.io.File", widths: Mapping[str, float]) -> Ways:
-    import osmium
-
+def _read_ways(file: osmium.io.File, widths: Mapping[str, float]) -> Ways:
     ways = Ways()
     kinds = list(WIDTHS)
     seen: set[int] = set()
@@ -141,9 +123,7 @@ def _read_ways(file: "osmium.io.File", widths: Mapping[str, float]) -> Ways:
     return ways
 
 
-def _read_nodes(file: "osmium.io.File", ids: Int64[np.ndarray, " node"]) -> Nodes:
-    import osmium
-
+def _read_nodes(file: osmium.io.File, ids: Int64[np.ndarray, " node"]) -> Nodes:
     found, lon, lat, kinds = array("q"), array("d"), array("d"), array("b")
     nodes = osmium.FileProcessor(file, osmium.osm.NODE)
     if ids[0] >= 0 and ids[-1] < _LARGEST_ID:

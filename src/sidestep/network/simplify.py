@@ -1,5 +1,6 @@
 """Loops and parallel streets go, and streets are joined where only two meet."""
 
+from array import array
 from collections import Counter
 
 import numpy as np
@@ -7,10 +8,13 @@ from jaxtyping import Bool, Float, Int, Int64
 
 from sidestep.network.streets import Streets, ranges
 
+JOINED = "crossing: two streets joined into one"
+"""What reports call a node that goes since just two streets meet there."""
+
 _MIN_EXCESS = 0.01  # m; streets that differ by less are the same street drawn twice
 
 
-def simplify(streets: Streets, metres: float) -> tuple[Streets, Counter[str], int]:
+def simplify(streets: Streets, metres: float) -> tuple[Streets, Counter[str]]:
     """Drop loops and parallel streets, and merge nodes of degree two, until nothing changes.
 
     Parameters
@@ -22,26 +26,23 @@ def simplify(streets: Streets, metres: float) -> tuple[Streets, Counter[str], in
 
     Returns
     -------
-    Streets, Counter, int
-        The streets that are left, how many were dropped for which reason, and at how many nodes two were joined.
+    Streets, Counter
+        The streets that are left, and by how many there are fewer for which reason.
     """
-    dropped: Counter[str] = Counter()
-    joined = 0
-    while len(streets):
-        before = dropped.total() + joined
-        loops = streets.tail == streets.head
-        dropped["street: loop"] += int(loops.sum())
-        streets = streets.keep(~loops)
-        parallel = _parallel(streets, metres)
-        dropped["street: parallel to a shorter one"] += int(parallel.sum())
-        streets, merged = merge_degree_two(streets.keep(~parallel))
-        joined += merged
-        if dropped.total() + joined == before:
-            break
-    return streets, dropped, joined
+    fewer: Counter[str] = Counter()
+    before = -1
+    while len(streets) != before:
+        before = len(streets)
+        streets = streets.keep(streets.ends[:, 0] != streets.ends[:, 1])
+        fewer["street: loop"] += before - len(streets)
+        single = streets.keep(~_parallel(streets, metres))
+        fewer["street: parallel to a shorter one"] += len(streets) - len(single)
+        streets = merge_degree_two(single)
+        fewer[JOINED] += len(single) - len(streets)
+    return streets, fewer
 
 
-def merge_degree_two(streets: Streets) -> tuple[Streets, int]:
+def merge_degree_two(streets: Streets) -> Streets:
     """Join the streets at nodes where just two meet.
 
     A node stays where a one-way street meets another of another direction, or one that is walked both ways. Joined
@@ -55,30 +56,28 @@ def merge_degree_two(streets: Streets) -> tuple[Streets, int]:
 
     Returns
     -------
-    Streets, int
-        The joined streets, and the number of nodes that this removed.
+    Streets
+        The joined streets.
     """
     mate = _mates(streets)
     if (mate >= 0).all() or (mate < 0).all():
-        return streets, 0
-    pieces, chains = _chains(mate.tolist(), streets.one_way.tolist())
-    end, chain = np.array(pieces), np.array(chains)
-    street, back = end >> 1, (end & 1).astype(bool)
-    starts = np.flatnonzero(np.diff(chain, prepend=-1))
+        return streets
+    end, starts = _chains(mate.tolist(), streets.one_way.tolist())
     last = np.append(starts[1:], len(end)) - 1
+    street, back = np.divmod(end, 2)
+    step = 1 - 2 * back
     # Each piece but the first of a chain begins where the last one ended: that point is there already.
     later = np.ones(len(end), np.int64)
     later[starts] = 0
+    chain = np.cumsum(1 - later)
     counts = np.diff(streets.first)[street] - later
-    step = np.where(back, -1, 1)
     begin = np.where(back, streets.first[street + 1] - 1, streets.first[street]) + step * later
     order, first = ranges(begin, counts, step)
     length = streets.length[street]
     total = np.add.reduceat(length, starts)
     ends = streets.ends.ravel()  # numbered as by _mates
     return Streets(
-        tail=ends[end[starts]],
-        head=ends[end[last] ^ 1],
+        ends=np.stack([ends[end[starts]], ends[end[last] ^ 1]], axis=1),
         one_way=streets.one_way[street[starts]],
         length=total,
         width=np.add.reduceat(length * streets.width[street], starts) / total,
@@ -88,7 +87,7 @@ def merge_degree_two(streets: Streets) -> tuple[Streets, int]:
         crossings=np.add.reduceat(streets.crossings[street], starts),
         points=streets.points[order],
         first=first[np.append(starts, len(end))],
-    ), int(later.sum())
+    )
 
 
 def _parallel(streets: Streets, metres: float) -> Bool[np.ndarray, " street"]:
@@ -128,24 +127,21 @@ def _mates(streets: Streets) -> Int64[np.ndarray, " end"]:
     return mate
 
 
-def _chains(mate: list[int], one_way: list[bool]) -> tuple[list[int], list[int]]:
-    """Order streets by the chains they form, each as the end at which it is entered; number the chain of each."""
-    pieces: list[int] = []
-    chain: list[int] = []
+def _chains(mate: list[int], one_way: list[bool]) -> tuple[Int64[np.ndarray, " piece"], Int64[np.ndarray, " chain"]]:
+    """Order streets by the chains they form, each as the end at which it is entered; tell where each chain starts."""
+    pieces, starts = array("q"), array("q")
     seen = [False] * len(one_way)
-    number = 0
     for start, joined in enumerate(mate):
         street = start >> 1
         if joined >= 0 or seen[street] or (one_way[street] and start & 1):
             continue  # not the end of a chain, or the wrong one
+        starts.append(len(pieces))
         end = start
         while end >= 0:
             seen[end >> 1] = True
             pieces.append(end)
-            chain.append(number)
             end = mate[end ^ 1]
-        number += 1
-    return pieces, chain
+    return np.array(pieces, np.int64), np.array(starts, np.int64)
 
 
 def _longest_part(
@@ -154,7 +150,6 @@ def _longest_part(
     """Find the code that the greatest length of each chain has."""
     codes = int(code.max()) + 1
     key, which = np.unique(chain * codes + code, return_inverse=True)
-    metres = np.bincount(which, length)
-    order = np.lexsort((-metres, key // codes))
-    best = order[np.append(True, np.diff(key[order] // codes) > 0)]
-    return key[best] % codes
+    of, found = np.divmod(key, codes)
+    order = np.lexsort((-np.bincount(which, length), of))
+    return found[order[np.diff(of, prepend=-1) > 0]]

@@ -1,22 +1,33 @@
-"""Streets while they are imported: columns of a table, and the streets that form one connected town."""
+"""Streets and nodes while they are imported, as columns of tables; the streets that form one connected town."""
 
 from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int64
+from jaxtyping import Bool, Float64, Int, Int8, Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """The nodes along walkable ways, in the order of their numbers."""
+
+    ids: Int64[np.ndarray, " node"]
+    """OpenStreetMap's numbers, ascending."""
+    place: Float64[np.ndarray, "node 2"]
+    """Longitude and latitude in degrees; NaN where the file lacks the node."""
+    kind: Int8[np.ndarray, " node"]
+    """See `sidestep.network.tags.CrossingKind`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Streets:
     """Streets between numbered nodes, with their courses; see `sidestep.network.town.Town` for the columns.
 
-    Kinds and names are codes. Unlike a town, streets may be loops, and there may be none.
+    ``ends`` are tail and head. Kinds and names are codes. Unlike a town, streets may be loops, and there may be none.
     """
 
-    tail: Int64[np.ndarray, " street"]
-    head: Int64[np.ndarray, " street"]
+    ends: Int64[np.ndarray, "street 2"]
     one_way: Bool[np.ndarray, " street"]
     length: Float64[np.ndarray, " street"]
     width: Float64[np.ndarray, " street"]
@@ -28,12 +39,7 @@ class Streets:
     first: Int64[np.ndarray, " border"]
 
     def __len__(self) -> int:
-        return len(self.tail)
-
-    @property
-    def ends(self) -> Int64[np.ndarray, "street 2"]:
-        """Tail and head of each street."""
-        return np.stack([self.tail, self.head], axis=1)
+        return len(self.ends)
 
     def keep(self, which: Bool[np.ndarray, " street"]) -> "Streets":
         """Select streets.
@@ -88,11 +94,7 @@ def largest_component(streets: Streets) -> Bool[np.ndarray, " street"]:
         Whether each street is in the strongly connected component with the most nodes.
     """
     nodes = int(streets.ends.max()) + 1
-    back = ~streets.one_way
-    tail = np.concatenate([streets.tail, streets.head[back]])
-    head = np.concatenate([streets.head, streets.tail[back]])
+    tail, head = np.concatenate([streets.ends, streets.ends[~streets.one_way, ::-1]]).T
     links = coo_array((np.ones(len(tail), np.int32), (tail, head)), shape=(nodes, nodes))
-    _, component = connected_components(links, directed=True, connection="strong")
-    used = np.unique(streets.ends)
-    best = int(np.argmax(np.bincount(component[used])))
-    return (component[streets.ends] == best).all(axis=1)
+    _, component = connected_components(links, connection="strong")
+    return (component[streets.ends] == np.bincount(component).argmax()).all(axis=1)
