@@ -9,28 +9,15 @@ from sidestep.errors import SidestepError
 
 Tags = Mapping[str, str]
 
-WIDTHS: Mapping[str, float] = {
-    "bridleway": 2.0,
-    "corridor": 3.0,
-    "cycleway": 3.0,
-    "footway": 2.0,
-    "living_street": 5.0,
-    "path": 1.5,
-    "pedestrian": 6.0,
-    "steps": 2.0,
-    "track": 2.5,
-    "primary": 5.0,
-    "primary_link": 4.0,
-    "residential": 4.0,
-    "secondary": 5.0,
-    "secondary_link": 4.0,
-    "service": 3.0,
-    "tertiary": 4.0,
-    "tertiary_link": 4.0,
-    "trunk": 4.0,
-    "trunk_link": 4.0,
-    "unclassified": 3.0,
-}
+_PATHS = {
+    "bridleway": 2.0, "corridor": 3.0, "cycleway": 3.0, "footway": 2.0, "living_street": 5.0, "path": 1.5,
+    "pedestrian": 6.0, "steps": 2.0, "track": 2.5,
+}  # fmt: skip
+_ROADS = {
+    "primary": 5.0, "primary_link": 4.0, "residential": 4.0, "secondary": 5.0, "secondary_link": 4.0, "service": 3.0,
+    "tertiary": 4.0, "tertiary_link": 4.0, "trunk": 4.0, "trunk_link": 4.0, "unclassified": 3.0,
+}  # fmt: skip
+WIDTHS: Mapping[str, float] = {**_PATHS, **_ROADS}
 """Metres available to walkers by kind of street, where no tag gives a width.
 
 On roads this is the width of two pavements: the carriageway is not walked, whatever its ``width`` tag says.
@@ -39,9 +26,7 @@ UNKNOWN_WIDTH = 2.0
 """Metres for kinds that are not in the table; GraphML files from elsewhere have them."""
 NARROWEST, WIDEST = 0.3, 100.0
 """Metres; tags beyond these are mistyped."""
-FULL_WIDTH = frozenset(
-    {"bridleway", "corridor", "cycleway", "footway", "living_street", "path", "pedestrian", "steps", "track"}
-)
+FULL_WIDTH = frozenset(_PATHS)
 """Kinds that are walked on their full width; the others are roads, walked on their pavements."""
 
 _ALLOWED = frozenset({"yes", "designated", "permissive", "official"})
@@ -85,24 +70,18 @@ def exclusion_reason(tags: Tags) -> str | None:
     str or None
         The reason, as reports have it; None for a way that is walked.
     """
-    kind, sides = tags["highway"], _sides(tags)
-    foot = tags.get("foot")
+    kind, foot, sides = tags["highway"], tags.get("foot"), _sides(tags)
     allowed = foot in _ALLOWED
-    reason = None
-    if kind not in WIDTHS:
-        reason = "way: not a walkable kind"
-    elif foot == "use_sidepath":
-        reason = "way: pavements mapped separately"
-    elif foot in _FORBIDDEN or (tags.get("access") in _FORBIDDEN and not allowed):
-        reason = "way: no access"
-    elif kind in _NEED_A_TAG and not allowed and "yes" not in sides:
-        reason = "way: not tagged as walkable"
-    elif kind not in FULL_WIDTH:
-        if "separate" in sides and set(sides) <= {"separate", "no"}:
-            reason = "way: pavements mapped separately"
-        elif kind in _NEED_PAVEMENT and sides == ("no", "no") and not allowed:
-            reason = "way: no pavement"
-    return reason
+    elsewhere = "separate" in sides and set(sides) <= {"separate", "no"}
+    reasons = (
+        ("way: not a walkable kind", kind not in WIDTHS),
+        ("way: pavements mapped separately", foot == "use_sidepath"),
+        ("way: no access", foot in _FORBIDDEN or (tags.get("access") in _FORBIDDEN and not allowed)),
+        ("way: not tagged as walkable", kind in _NEED_A_TAG and not allowed and "yes" not in sides),
+        ("way: pavements mapped separately", kind in _ROADS and elsewhere),
+        ("way: no pavement", kind in _NEED_PAVEMENT and not allowed and sides == ("no", "no")),
+    )
+    return next((reason for reason, applies in reasons if applies), None)
 
 
 def direction(tags: Tags) -> int:
