@@ -66,7 +66,7 @@ class Snapper:
                 "give degrees of latitude (-90 to 90), then of longitude (-180 to 180)",
                 field="place",
             )
-        town, (lines, tree) = self.town, self._index
+        town, tree = self.town, self._index
         here = shapely.Point(town.project(np.array([longitude, latitude])))
         candidates, (distance, *_) = tree.query_nearest(here, return_distance=True)
         if distance > farthest:
@@ -77,7 +77,7 @@ class Snapper:
                 field="place",
             )
         street = int(candidates.min())  # of streets that meet at the nearest crossing, always the same one
-        line = lines[street]
+        line = tree.geometries[street]
         along = shapely.line_locate_point(line, here)
         on_street = shapely.get_coordinates(shapely.line_interpolate_point(line, along))[0]
         longitude, latitude = town.projection.unproject(on_street).tolist()
@@ -85,14 +85,13 @@ class Snapper:
         return StreetPoint(street, fraction, float(distance), (latitude, longitude))
 
     @cached_property
-    def _index(self) -> tuple[np.ndarray, shapely.STRtree]:
-        """All courses in metres, and the tree over them."""
-        first = self.town.first
-        street = np.repeat(np.arange(self.town.streets), np.diff(first))
+    def _index(self) -> shapely.STRtree:
+        """All courses in metres, as a tree."""
+        street = np.repeat(np.arange(self.town.streets), np.diff(self.town.first))
         lines = shapely.linestrings(self.town.project(self.town.points), indices=street)
         tree = shapely.STRtree(lines)
         tree.query(lines[0])  # GEOS builds the tree on the first query: before threads share it
-        return lines, tree
+        return tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +163,7 @@ def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStree
         The streets with a node at every point.
     """
     base = town.network()
-    position = list(np.asarray(base.position))
+    position = [*np.asarray(base.position)]
     nodes: list[int] = []
     stops: dict[int, list[tuple[float, int]]] = {}  # along the streets with points: fractions and nodes
     for point in points:
@@ -192,12 +191,6 @@ def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStree
     rows = np.concatenate([rows, np.reshape(added, (-1, 5))])
     parent, tail, head = rows[:, :3].astype(np.int64).T
     begin, end = rows[:, 3:].T
-    network = road_network(
-        np.stack(position),
-        tail,
-        head,
-        np.asarray(base.length)[parent] * np.abs(end - begin),
-        width=np.asarray(base.width)[parent],
-        exits=max(base.exits, 2),
-    )
+    length, width = np.asarray(base.length)[parent] * np.abs(end - begin), np.asarray(base.width)[parent]
+    network = road_network(np.stack(position), tail, head, length, width=width, exits=max(base.exits, 2))
     return SplitStreets(town, network, tuple(nodes), parent, street[parent], begin, end)
