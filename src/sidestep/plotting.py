@@ -1,6 +1,6 @@
 """Pictures. The only module that imports matplotlib."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
@@ -8,6 +8,7 @@ from typing import Any, TypedDict
 import numpy as np
 from jaxtyping import Float
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
@@ -21,26 +22,21 @@ from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import NO_COORDINATES, RouteError
 
 INK = "#1f2933"
-COLOURS = {
-    "darp": "#d1495b",
-    "darp-paper": "#edae49",
-    "shortest-path": "#30638e",
-    "random-progress": "#8d99ae",
-    "expected": "#6a994e",
-    "clairvoyant": "#003d5b",
+LOOKS = {
+    "darp": ("#d1495b", "-"),
+    "darp-paper": ("#edae49", "-"),
+    "shortest-path": ("#30638e", "-"),
+    "random-progress": ("#8d99ae", "-."),
+    "expected": ("#6a994e", "--"),
+    "clairvoyant": ("#003d5b", ":"),
 }
+"""Colour and line style of planners."""
 ROUTE = "#1565c0"  # far from the colours of crowds
 # Without the palest colours, which cannot be seen on white.
 _CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.linspace(0.2, 1, 32)))
 _SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
 _ROOM = 40.0  # m around the streets of a town
 _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
-STYLES = {"clairvoyant": ":", "expected": "--", "shortest-path": "-", "random-progress": "-."}
-
-
-def _colour(planner: str, number: int) -> str:
-    """A planner's own colour, or one of matplotlib's."""
-    return COLOURS.get(planner, f"C{number}")
 
 
 @dataclass(frozen=True)
@@ -83,10 +79,10 @@ def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str,
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     for number, (name, minutes) in enumerate(lines.items()):
-        label, colour = f"{name} ({-minutes:.0f})", _colour(name, number)
-        axes.axhline(minutes, color=colour, linestyle=STYLES.get(name, "-"), linewidth=1.6, label=label)
+        colour, style = _look(name, number)
+        axes.axhline(minutes, color=colour, linestyle=style, linewidth=1.6, label=f"{name} ({-minutes:.0f})")
     for number, (name, curve) in enumerate(curves.items()):
-        colour = _colour(name, number)
+        colour, _ = _look(name, number)
         rounds = np.arange(1, curve.minutes.shape[1] + 1)
         low, high = np.percentile(curve.minutes, [25, 75], axis=0)
         mean = curve.minutes.mean(axis=0)
@@ -98,8 +94,7 @@ def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str,
     ticks = [50, 75, 100, 150, 250, 500, 1000, 1440]
     axes.set_yticks(ticks, [str(-tick) for tick in ticks])
     axes.minorticks_off()
-    axes.set_xlabel("training rounds")
-    axes.set_ylabel("average time cost (minus minutes)")
+    axes.set(xlabel="training rounds", ylabel="average time cost (minus minutes)")
     axes.set_title(title, loc="left", color=INK)
     axes.grid(axis="y", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
@@ -134,20 +129,11 @@ def crowded_map(
     axes = figure.subplots()
     ends = np.asarray(network.position)[np.stack([network.tail, network.head], axis=1)]  # [segment, end, xy]
     spacing = float(np.abs(ends[:, 0] - ends[:, 1]).max())
-    fewest, most = max(float(volume.min()), 1.0), float(volume.max())
     streets = LineCollection(
-        list(_beside(ends, 0.035 * spacing)),
-        array=volume,
-        cmap="YlOrBr",
-        norm=LogNorm(fewest, most),
-        linewidths=4,
-        capstyle="round",
+        list(_beside(ends, 0.035 * spacing)), array=volume, cmap="YlOrBr", linewidths=4, capstyle="round"
     )
-    axes.add_collection(streets)
-    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="people on the segment at the departure")
-    ticks = [tick for tick in (200, 500, 1000, 2000, 5000) if fewest <= tick <= most]
-    bar.set_ticks(ticks, labels=[f"{tick:,}" for tick in ticks])
-    bar.minorticks_off()
+    streets.set_norm(LogNorm(max(float(volume.min()), 1.0), float(volume.max())))
+    _add_coloured(axes, streets, "people on the segment at the departure", (200, 500, 1000, 2000, 5000))
     _label_lengths(axes, network, ends)
     for rank, (name, route) in enumerate(routes.items()):
         points = np.asarray(network.position)[list(route.nodes)]
@@ -155,19 +141,13 @@ def crowded_map(
         shift = (rank - (len(routes) - 1) / 2) * 0.045 * spacing
         line = _beside(legs, shift).reshape(-1, 2)
         label = f"{name}: {route.seconds / 60:.0f} min" + ("" if route.arrived else " (did not arrive)")
-        colour = _colour(name, rank)
-        axes.plot(*line.T, color=colour, linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
-    for node, text in ((_routes_end(routes, 0), "origin"), (_routes_end(routes, -1), "destination")):
-        x, y = np.asarray(network.position)[node]
-        axes.plot(x, y, "o", color=INK, markersize=9, zorder=4)
-        axes.annotate(
-            text,
-            (x, y),
-            xytext=(0, -16 if text == "origin" else 10),
-            textcoords="offset points",
-            ha="center",
-            color=INK,
-        )
+        axes.plot(*line.T, color=_look(name, rank)[0], linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
+    # The destination is that of a walk that arrived, if any did.
+    shown, *_ = [route for route in routes.values() if route.arrived] or list(routes.values())
+    for node, text, up in ((shown.nodes[0], "origin", -16), (shown.nodes[-1], "destination", 10)):
+        place = np.asarray(network.position)[node]
+        axes.plot(*place, "o", color=INK, markersize=9, zorder=4)
+        _note(axes, text, place, (0, up), ha="center")
     axes.set_aspect("equal")
     axes.axis("off")
     axes.margins(0.08)
@@ -178,7 +158,17 @@ def crowded_map(
 
 
 def draw_route(plan: RoutePlan) -> Figure:
-    """The streets around a route, coloured by the crowds that are expected on them at the departure, and the route.
+    """Draw a route, and the streets around it, coloured by the crowds that are expected on them at the departure.
+
+    Parameters
+    ----------
+    plan
+        The route, in a town.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
 
     Raises
     ------
@@ -199,34 +189,24 @@ def draw_route(plan: RoutePlan) -> Figure:
         if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
     ]
     density = np.maximum(plan.streets.density[near], _SPARSE)
-    fewest, most = float(np.quantile(density, 0.02)), 1.01 * float(density.max())
+    widths = np.clip(town.width[near] / 2, 1.2, 4.0)
     streets = LineCollection(
-        [courses[street] for street in near],
-        array=density,
-        cmap=_CROWDS,
-        norm=LogNorm(fewest, most),
-        linewidths=np.clip(town.width[near] / 2, 1.2, 4.0),
-        capstyle="round",
+        [courses[street] for street in near], array=density, cmap=_CROWDS, linewidths=widths, capstyle="round"
     )
-    axes.add_collection(streets)
-    bar = figure.colorbar(streets, ax=axes, shrink=0.7, label="persons/m² expected at the departure", pad=0.01)
-    ticks = [tick for tick in (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5) if fewest <= tick <= most]
-    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    bar.minorticks_off()
+    streets.set_norm(LogNorm(float(np.quantile(density, 0.02)), 1.01 * float(density.max())))
+    ticks = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5)
+    _add_coloured(axes, streets, "persons/m² expected at the departure", ticks, pad=0.01)
     for colour, width in (("white", 6.5), (ROUTE, 3.4)):
         axes.plot(*course.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
     for place, text, face in ((course[0], "start", "white"), (course[-1], "end", INK)):
         axes.plot(*place, "o", color=face, markeredgecolor=INK, markeredgewidth=2.2, markersize=11, zorder=4)
-        axes.annotate(text, place, xytext=(10, 8), textcoords="offset points", color=INK, zorder=5, **_HALO)
+        _note(axes, text, place, (10, 8), zorder=5, **_HALO)
     axes.set_aspect("equal")
     axes.set(xlim=(west, east), ylim=(south, north))
     axes.axis("off")
     _scale_bar(axes, west, south, east - west)
-    figure.suptitle(
-        f"{plan.scenario}, {plan.departs}: {plan.metres:,.0f} m, {plan.expected_minutes:.0f} min, "
-        f"planned by {plan.planner}",
-        color=INK,
-    )
+    walk = f"{plan.metres:,.0f} m, {plan.expected_minutes:.0f} min, planned by {plan.planner}"
+    figure.suptitle(f"{plan.scenario}, {plan.departs}: {walk}", color=INK)
     # Below the axes, where nothing lies under it.
     figure.supxlabel("\n".join(plan.sources), fontsize=8, color=INK)
     return figure
@@ -266,28 +246,40 @@ def trade_off_curve(title: str, caption: str, curves: Mapping[str, Sequence[Trad
     axes = figure.subplots()
     for number, (name, points) in enumerate(curves.items()):
         minutes, exposure = [point["minutes"] for point in points], [point["exposure"] for point in points]
-        colour = _colour(name, number)
+        colour, _ = _look(name, number)
         axes.plot(minutes, exposure, color=colour, linewidth=2, marker="o", label=name, zorder=3)
         for point in points:
-            axes.annotate(
-                f"{point['weight']:g}",
-                (point["minutes"], point["exposure"]),
-                xytext=(6, 5),
-                textcoords="offset points",
-                fontsize=8,
-                color=colour,
-                **_HALO,
-            )
-    axes.set_xlabel("minutes")
-    axes.set_ylabel("crowd met, person·s/m²")
+            place = (point["minutes"], point["exposure"])
+            _note(axes, f"{point['weight']:g}", place, (6, 5), fontsize=8, color=colour, **_HALO)
     axes.margins(0.08)
-    axes.set_ylim(bottom=0)
+    axes.set(xlabel="minutes", ylabel="crowd met, person·s/m²", ylim=(0, None))
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False)
     axes.set_title(title, loc="left", fontsize=10, color=INK)
     figure.supxlabel(caption, fontsize=8, color=INK)
     return figure
+
+
+def _look(planner: str, number: int) -> tuple[str, str]:
+    """Colour and line style of a planner: its own, or one of matplotlib's colours."""
+    return LOOKS.get(planner, (f"C{number}", "-"))
+
+
+def _note(axes: Axes, text: str, place: Iterable[Any], shift: tuple[float, float], **style: Any) -> None:
+    """Write beside a place, a few points away."""
+    x, y = place
+    axes.annotate(text, (x, y), xytext=shift, textcoords="offset points", **{"color": INK, **style})
+
+
+def _add_coloured(axes: Axes, streets: LineCollection, label: str, ticks: Sequence[float], pad: float = 0.05) -> None:
+    """Add streets that are coloured by the crowds on them, and a bar with some of these ticks."""
+    axes.add_collection(streets)
+    bar = axes.figure.colorbar(streets, ax=axes, shrink=0.7, label=label, pad=pad)
+    fewest, most = streets.get_clim()
+    shown = [tick for tick in ticks if fewest <= tick <= most]
+    bar.set_ticks(shown, labels=[f"{tick:,g}" for tick in shown])
+    bar.minorticks_off()
 
 
 def _frame(
@@ -302,19 +294,11 @@ def _frame(
     return float(west), float(east), float(south), float(north)
 
 
-def _scale_bar(axes, west: float, south: float, width: float) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _scale_bar(axes: Axes, west: float, south: float, width: float) -> None:
     metres = max(step for step in (50, 100, 200, 500, 1000, 2000, 5000) if step <= max(width / 4, 50))
     x, y = west + 0.03 * width, south + 0.03 * width
     axes.plot([x, x + metres], [y, y], color=INK, linewidth=3, solid_capstyle="butt", zorder=5)
-    axes.annotate(
-        f"{metres:,} m", (x + metres / 2, y), xytext=(0, 6), textcoords="offset points", ha="center", color=INK, **_HALO
-    )
-
-
-def _routes_end(routes: Mapping[str, Route], which: int) -> int:
-    """First or last node of the routes; the last is taken from one that arrived, if any did."""
-    arrived = [route for route in routes.values() if route.arrived] or list(routes.values())
-    return arrived[0].nodes[which]
+    _note(axes, f"{metres:,} m", (x + metres / 2, y), (0, 6), ha="center", **_HALO)
 
 
 def _beside(legs: Float[np.ndarray, "leg 2 2"], shift: float) -> Float[np.ndarray, "leg 2 2"]:
@@ -325,21 +309,11 @@ def _beside(legs: Float[np.ndarray, "leg 2 2"], shift: float) -> Float[np.ndarra
     return legs + shift * right[:, None]
 
 
-def _label_lengths(axes, network: RoadNetwork, ends: Float[np.ndarray, "segment 2 2"]) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _label_lengths(axes: Axes, network: RoadNetwork, ends: Float[np.ndarray, "segment 2 2"]) -> None:
     """Write lengths beside the streets: on this map they are not to scale."""
     tail, head, length = (np.asarray(part) for part in (network.tail, network.head, network.length))
     for segment in np.flatnonzero(tail < head):
         (x0, y0), (x1, y1) = ends[segment]
-        upright = abs(y1 - y0) > abs(x1 - x0)
-        axes.annotate(
-            f"{length[segment]:.0f} m",
-            ((x0 + x1) / 2, (y0 + y1) / 2),
-            xytext=(-9, 0) if upright else (0, 9),
-            textcoords="offset points",
-            rotation=90 if upright else 0,
-            ha="center",
-            va="center",
-            fontsize=6.5,
-            color=INK,
-            alpha=0.6,
-        )
+        shift, rotation = ((-9, 0), 90) if abs(y1 - y0) > abs(x1 - x0) else ((0, 9), 0)
+        style = {"rotation": rotation, "ha": "center", "va": "center", "fontsize": 6.5, "alpha": 0.6}
+        _note(axes, f"{length[segment]:.0f} m", ((x0 + x1) / 2, (y0 + y1) / 2), shift, **style)
