@@ -202,6 +202,11 @@ def _width(values: dict[str, Any], kind: str, where: str) -> float:
     """Take the narrowest of the readable widths given, or else the usual width of the kind.
 
     On roads osmnx passes on the width of the carriageway, which is not walked.
+
+    Returns
+    -------
+    float
+        Metres.
     """
     said = _words(values.get("width"))
     if "street" in values and said:

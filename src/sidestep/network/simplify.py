@@ -111,9 +111,12 @@ def _parallel(streets: Streets, metres: float) -> Bool[np.ndarray, " street"]:
 
 
 def _mates(streets: Streets) -> Int64[np.ndarray, " end"]:
-    """Find the street end that each street end is to be joined to, -1 where there is none.
+    """Find the street end that each street end is to be joined to.
 
-    End 2 i is the tail of street i, end 2 i + 1 its head.
+    Returns
+    -------
+    Int64[np.ndarray, " end"]
+        The other end, -1 where there is none. End 2 i is the tail of street i, end 2 i + 1 its head.
     """
     node = streets.ends.ravel()
     order = np.argsort(node, kind="stable")
