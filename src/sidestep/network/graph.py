@@ -173,8 +173,7 @@ def road_network(
             f"{len(head)} heads and {len(length)} lengths",
             field="tail",
         )
-    columns = {"tail": tail, "head": head, "length": length, "width": width}
-    check_edges(NetworkError, "segment", nodes, columns)
+    check_edges(NetworkError, "segment", nodes, {"tail": tail, "head": head, "length": length, "width": width})
     exit_of = np.asarray(_rank_within(tail) if exit_of is None else exit_of, np.int32)
     exits = int(exit_of.max()) + 1 if exits is None else exits
     known = (exit_of >= 0) & (exit_of < exits)

@@ -3,8 +3,6 @@
 import ast
 import math
 import re
-from collections import defaultdict
-from collections.abc import Iterable
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -150,11 +148,11 @@ class _Edge:
         self.width = _width(values, self.kind, where)
 
 
-def _paired(edges: Iterable[_Edge]) -> list[_Edge]:
+def _paired(edges: list[_Edge]) -> list[_Edge]:
     """List each street once; it is one-way where no edge leads back with the same numbers and length."""
-    between: defaultdict[tuple[object, ...], list[_Edge]] = defaultdict(list)
+    between: dict[tuple[object, ...], list[_Edge]] = {}
     for edge in sorted(edges, key=lambda edge: edge.length):
-        between[min(edge.ends), max(edge.ends), edge.osmid].append(edge)
+        between.setdefault((*sorted(edge.ends), edge.osmid), []).append(edge)
     streets = []
     for group in between.values():
         waiting = [edge for edge in group if edge.ends[0] > edge.ends[1]]

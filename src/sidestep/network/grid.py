@@ -39,11 +39,9 @@ def grid_network(side: int, rng: np.random.Generator, lengths: tuple[float, floa
     """
     if side < 2:
         raise NetworkError(f"a grid needs at least 2 nodes a side, not {side}", field="side")
-    shortest, longest = lengths
-    if not 0 < shortest <= longest:
-        raise NetworkError(
-            f"street lengths must be positive and in order, not {shortest} to {longest} m", field="lengths"
-        )
+    low, high = lengths
+    if not 0 < low <= high:
+        raise NetworkError(f"street lengths must be positive and in order, not {low} to {high} m", field="lengths")
     node = np.arange(side * side)
     xy = np.stack([node % side, node // side], axis=1)
     onto = xy + np.array(list(STEP.values()))[:, None]
@@ -51,5 +49,5 @@ def grid_network(side: int, rng: np.random.Generator, lengths: tuple[float, floa
     head = onto[action, tail] @ [1, side]
     pair = np.minimum(tail, head) * side * side + np.maximum(tail, head)
     streets, street = np.unique(pair, return_inverse=True)
-    length = rng.uniform(shortest, longest, len(streets))[street]
-    return road_network(xy * (shortest + longest) / 2, tail, head, length, exit_of=action, exits=4)
+    length = rng.uniform(low, high, len(streets))[street]
+    return road_network(xy * (low + high) / 2, tail, head, length, exit_of=action, exits=4)

@@ -180,8 +180,7 @@ def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStree
         nodes.append(node)
     street, backwards = town.street_of_segment()
     # One row a segment: its parent, its tail and head, and the fractions at which it begins and ends.
-    columns = (np.arange(base.segments), np.asarray(base.tail), np.asarray(base.head), backwards, ~backwards)
-    rows = np.stack(columns, axis=1, dtype=np.float64)
+    rows = np.stack([np.arange(base.segments), base.tail, base.head, backwards, ~backwards], axis=1, dtype=np.float64)
     added: list[tuple[float, ...]] = []
     for segment in np.flatnonzero(np.isin(street, list(stops))).tolist():
         along = sorted(stops[int(street[segment])], reverse=bool(backwards[segment]))

@@ -99,10 +99,9 @@ class Town:
         used, renumbered = np.unique(ends, return_inverse=True)
         tail, head = renumbered.reshape(-1, 2).T
         columns |= {"tail": tail, "head": head, "place": columns["place"][used], "ids": columns["ids"][used]}
-        arrays: dict[str, Any] = {
-            name: np.ascontiguousarray(columns.pop(name), kind) for name, (kind, _) in ARRAYS.items()
-        }
-        return cls(**arrays, **columns)
+        for name, (kind, _) in ARRAYS.items():
+            columns[name] = np.ascontiguousarray(columns[name], kind)
+        return cls(**columns)
 
     @property
     def nodes(self) -> int:
