@@ -14,8 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.geodesy import course_lengths, metres_between
-from sidestep.network.osm import import_osm
-from sidestep.network.osm_file import OsmError
+from sidestep.network.osm import OsmError, import_osm
 from sidestep.network.town import Town, TownError
 
 SUFFIXES = [".osm", ".osm.gz", ".osm.pbf", ".npz", ".graphml"]

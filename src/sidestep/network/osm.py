@@ -1,24 +1,40 @@
-"""From an OpenStreetMap extract to a town: the streets that people walk. Nothing is downloaded."""
+"""From an OpenStreetMap extract to a town: the streets that people walk. Nothing is downloaded.
 
-import math
+The only module that imports osmium. A file is read twice: first its ways, then the nodes of walkable ways. Relations
+are not read, so an area mapped as a multipolygon has no outline to walk along.
+"""
+
+from array import array
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+import osmium
+from jaxtyping import Int64
 
+from sidestep.errors import SidestepError
+from sidestep.files import reading
+from sidestep.network import tags
 from sidestep.network.geodesy import course_lengths
-from sidestep.network.merging import assign_crossings, merge_crossings
-from sidestep.network.osm_file import OsmError, Ways, read_walkable
-from sidestep.network.simplify import JOINED, simplify
+from sidestep.network.simplify import JOINED, assign_crossings, merge_crossings, simplify
 from sidestep.network.streets import Nodes, Streets, largest_component, ranges
-from sidestep.network.tags import WIDTHS, CrossingKind, width_table
+from sidestep.network.tags import CrossingKind
 from sidestep.network.town import ATTRIBUTION, MOST_CROSSINGS, Town
 
 MERGE = 8.0
 """Metres; the default for merging crossings."""
+FORMATS = {".osm": "osm", ".osm.gz": "osm.gz", ".osm.bz2": "osm.bz2", ".osm.pbf": "pbf", ".pbf": "pbf"}
+"""The reader's name of the format that each ending of a file name stands for."""
+
+_LONGEST_NAME = 255  # characters; OpenStreetMap takes no more
+_LARGEST_ID = 2**36  # the reader's filter takes smaller ones only; larger and negative ones are filtered here
+
+
+class OsmError(SidestepError):
+    """An unusable OpenStreetMap file or import option; ``line`` is known for damaged XML, ``field`` for options."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +67,32 @@ class ImportReport:
     """Streets that leave the busiest crossing."""
 
 
+@dataclass(eq=False)
+class Ways:
+    """Walkable ways, compactly: extracts hold millions of nodes."""
+
+    refs: "array[int]" = field(default_factory=lambda: array("q"))
+    """Node numbers of all ways one after another, in walking direction where a way is one-way."""
+    counts: "array[int]" = field(default_factory=lambda: array("q"))
+    """Nodes of each way."""
+    kinds: "array[int]" = field(default_factory=lambda: array("l"))
+    """Position of each way's kind in ``WIDTHS``."""
+    names: "array[int]" = field(default_factory=lambda: array("l"))
+    """Code of each way's name."""
+    widths: "array[float]" = field(default_factory=lambda: array("d"))
+    """Metres available to walkers."""
+    one_way: "array[int]" = field(default_factory=lambda: array("b"))
+    """1 where a way is walked in one direction only."""
+    name_codes: dict[str, int] = field(default_factory=dict)
+    """Names in the order of their codes."""
+    read: int = 0
+    """Ways with a ``highway`` tag, walkable or not."""
+    dropped: Counter[str] = field(default_factory=Counter)
+    """Number of ways that are not walked, by reason."""
+    repaired: Counter[str] = field(default_factory=Counter)
+    """Number of ways that were changed, by what was done."""
+
+
 def import_osm(
     path: str | Path, *, merge: float = MERGE, widths: Mapping[str, float] | None = None
 ) -> tuple[Town, ImportReport]:
@@ -58,7 +100,7 @@ def import_osm(
 
     Ways are split where they meet and where an extract lacks their nodes; the largest part in which every crossing can
     be reached from every other is kept. `sidestep.network.tags` decides which ways are walked and how wide they are,
-    `sidestep.network.merging` and `sidestep.network.simplify` what becomes of crossings.
+    `sidestep.network.simplify` what becomes of crossings.
 
     Parameters
     ----------
@@ -103,10 +145,10 @@ def import_osm(
     >>> town.kind
     ('footway', 'residential', 'residential')
     """
-    if not (math.isfinite(merge) and merge >= 0):
+    if not 0 <= merge < np.inf:
         raise OsmError(f"merge must be a distance of 0 m or more, not {merge} m", field="merge")
     path = Path(path)
-    ways, nodes = read_walkable(path, width_table(widths))
+    ways, nodes = _read_walkable(path, tags.width_table(widths))
     streets = _split(ways, nodes)
     if not len(streets):
         raise OsmError(f"{path}: no streets, since it lacks the nodes of its {len(ways.counts):,} walkable ways")
@@ -137,6 +179,99 @@ def import_osm(
     )
 
 
+def _read_walkable(path: Path, widths: Mapping[str, float]) -> tuple[Ways, Nodes]:
+    """Read the walkable ways of a file, and the nodes along them.
+
+    Parameters
+    ----------
+    path
+        The file; its ending is its format.
+    widths
+        Metres available to walkers by kind of street, where no tag gives a width.
+
+    Returns
+    -------
+    Ways, Nodes
+        At least one way, and all nodes that ways name.
+
+    Raises
+    ------
+    OsmError
+        Another ending; a file that is missing, damaged, or without walkable ways.
+    """
+    formats = [name for suffix, name in FORMATS.items() if path.name.lower().endswith(suffix)]
+    if not formats:
+        raise OsmError(f"{path} is not named like an OpenStreetMap file; its name must end in {', '.join(FORMATS)}")
+    # The reader opens the file itself, but might take its name for a web address, or for the standard input.
+    with reading(path, OsmError, "OpenStreetMap data") as opened:
+        if not opened.read(1):
+            raise OsmError("it is empty")
+        file = osmium.io.File(str(path.resolve()), formats[0])
+        ways = _read_ways(file, widths)
+        if not ways.counts:
+            found = f"none of its {ways.read:,} highways is walkable" if ways.read else "it holds no highways"
+            raise OsmError(f"no streets for walkers: {found}")
+        try:
+            return ways, _read_nodes(file, np.unique(np.array(ways.refs, np.int64)))
+        except osmium.InvalidLocationError as error:
+            raise OsmError(f"it is damaged: {error}") from error
+
+
+def _read_ways(file: osmium.io.File, widths: Mapping[str, float]) -> Ways:
+    ways = Ways()
+    kinds = list(tags.WIDTHS)
+    seen: set[int] = set()
+    for way in osmium.FileProcessor(file, osmium.osm.WAY).with_filter(osmium.filter.KeyFilter("highway")):
+        if not isinstance(way, osmium.osm.Way) or way.deleted:
+            continue
+        ways.read += 1
+        tagged = dict(way.tags)
+        refs = [node.ref for node in way.nodes]
+        excluded = "way: repeated number" if way.id in seen else tags.exclusion_reason(tagged)
+        if len(refs) < 2:
+            excluded = excluded or "way: fewer than two nodes"
+        seen.add(way.id)
+        if excluded is not None:
+            ways.dropped[excluded] += 1
+            continue
+        width, ignored = tags.walkable_width(tagged, widths)
+        ways.repaired["way: unreadable width ignored"] += ignored
+        walked = tags.direction(tagged)
+        ways.refs.extend(refs if walked >= 0 else refs[::-1])
+        ways.counts.append(len(refs))
+        ways.kinds.append(kinds.index(tagged["highway"]))
+        ways.names.append(ways.name_codes.setdefault(_printable(tagged.get("name", "")), len(ways.name_codes)))
+        ways.widths.append(width)
+        ways.one_way.append(walked != 0)
+    return ways
+
+
+def _read_nodes(file: osmium.io.File, ids: Int64[np.ndarray, " node"]) -> Nodes:
+    found, lon, lat, kinds = array("q"), array("d"), array("d"), array("b")
+    nodes = osmium.FileProcessor(file, osmium.osm.NODE)
+    if ids[0] >= 0 and ids[-1] < _LARGEST_ID:
+        nodes = nodes.with_filter(osmium.filter.IdFilter(ids.tolist()))
+    for node in nodes:
+        if not isinstance(node, osmium.osm.Node) or node.deleted or not node.location.valid():
+            continue
+        found.append(node.id)
+        lon.append(node.location.lon)
+        lat.append(node.location.lat)
+        kinds.append(tags.crossing_kind(dict(node.tags)) if len(node.tags) else CrossingKind.NONE)
+    numbers = np.array(found, np.int64)
+    at = np.minimum(np.searchsorted(ids, numbers), len(ids) - 1)
+    needed = ids[at] == numbers
+    place, kind = np.full((len(ids), 2), np.nan), np.zeros(len(ids), np.int8)
+    place[at[needed]] = np.stack([lon, lat], axis=1)[needed]
+    kind[at[needed]] = np.array(kinds, np.int8)[needed]
+    return Nodes(ids, place, kind)
+
+
+def _printable(name: str) -> str:
+    """Remove unprintable characters, which other file formats do not allow."""
+    return "".join(sign for sign in name if sign.isprintable()).strip()[:_LONGEST_NAME].rstrip()
+
+
 def _split(ways: Ways, nodes: Nodes) -> Streets:
     """Cut ways at absent nodes, and where a node belongs to several ways or occurs twice in one."""
     node = np.searchsorted(nodes.ids, np.array(ways.refs, np.int64))
@@ -155,12 +290,7 @@ def _split(ways: Ways, nodes: Nodes) -> Streets:
     begin, end = stop[:-1][joined], stop[1:][joined]
     order, first = ranges(begin, end - begin + 1)
     points = nodes.place[node[order]]
-
-    def inside(kind: CrossingKind) -> Int[np.ndarray, " street"]:
-        """Count the nodes of a kind between the ends of each street."""
-        count = np.append(0, np.cumsum(nodes.kind[node] == kind))
-        return count[end] - count[begin + 1]
-
+    passed = np.cumsum(nodes.kind[node][:, None] == [CrossingKind.UNSIGNALISED, CrossingKind.SIGNALS], axis=0)
     return Streets(
         ends=np.stack([node[begin], node[end]], axis=1),
         one_way=np.array(ways.one_way, bool)[way[begin]],
@@ -168,20 +298,18 @@ def _split(ways: Ways, nodes: Nodes) -> Streets:
         width=np.array(ways.widths, np.float64)[way[begin]],
         kind=np.array(ways.kinds, np.int64)[way[begin]],
         name=np.array(ways.names, np.int64)[way[begin]],
-        signals=inside(CrossingKind.SIGNALS),
-        crossings=inside(CrossingKind.UNSIGNALISED),
+        traffic=passed[end - 1] - passed[begin],
         points=points,
         first=first,
     )
 
 
 def _town(ways: Ways, nodes: Nodes, streets: Streets) -> Town:
-    kinds, names = list(WIDTHS), list(ways.name_codes)
+    kinds, names = list(tags.WIDTHS), list(ways.name_codes)
     columns: dict[str, Any] = {
         **vars(streets),
         "kind": tuple(kinds[code] for code in streets.kind.tolist()),
         "name": tuple(names[code] for code in streets.name.tolist()),
-        "signals": np.minimum(streets.signals, MOST_CROSSINGS),
-        "crossings": np.minimum(streets.crossings, MOST_CROSSINGS),
     }
+    columns["crossings"], columns["signals"] = np.minimum(columns.pop("traffic"), MOST_CROSSINGS).T
     return Town.of_streets(**columns, place=nodes.place, ids=nodes.ids, attribution=ATTRIBUTION)

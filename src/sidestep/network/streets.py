@@ -24,7 +24,8 @@ class Nodes:
 class Streets:
     """Streets between numbered nodes, with their courses; see `sidestep.network.town.Town` for the columns.
 
-    ``ends`` are tail and head. Kinds and names are codes. Unlike a town, streets may be loops, and there may be none.
+    ``ends`` are tail and head; ``traffic`` are crossings of vehicle traffic without signals, and with them. Kinds and
+    names are codes. Unlike a town, streets may be loops, and there may be none.
     """
 
     ends: Int64[np.ndarray, "street 2"]
@@ -33,8 +34,7 @@ class Streets:
     width: Float64[np.ndarray, " street"]
     kind: Int64[np.ndarray, " street"]
     name: Int64[np.ndarray, " street"]
-    signals: Int64[np.ndarray, " street"]
-    crossings: Int64[np.ndarray, " street"]
+    traffic: Int64[np.ndarray, "street 2"]
     points: Float64[np.ndarray, "point 2"]
     first: Int64[np.ndarray, " border"]
 

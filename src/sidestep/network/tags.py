@@ -1,6 +1,5 @@
 """What OpenStreetMap's tags mean for walkers: which ways are walked, in which direction, and how wide they are."""
 
-import math
 import re
 from collections.abc import Mapping
 from enum import IntEnum
@@ -183,7 +182,7 @@ def width_table(changes: Mapping[str, float] | None) -> dict[str, float]:
                 f"{kind!r:.60} is not a kind of street whose width can be set; the kinds are {', '.join(WIDTHS)}",
                 field="widths",
             )
-        if not (math.isfinite(width) and NARROWEST <= width <= WIDEST):
+        if not NARROWEST <= width <= WIDEST:
             raise WidthError(
                 f"the width of {kind} must be {NARROWEST} to {WIDEST:g} m, not {width}", field=f"widths.{kind}"
             )
