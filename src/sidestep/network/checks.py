@@ -1,6 +1,5 @@
 """Checks that networks and towns have in common."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,7 @@ def check_each(
         raise error(f"{field} of {item} {worst} is {values[worst]}; it must {must}", field=field)
 
 
-def check_edges(error: type[SidestepError], item: str, nodes: int, columns: Mapping[str, Any]) -> None:
+def check_edges(error: type[SidestepError], item: str, nodes: int, columns: dict[str, Any]) -> None:
     """Raise an error unless edges join two different known nodes, and their measures are positive.
 
     Parameters

@@ -167,7 +167,12 @@ def _decoded(vocabulary: np.ndarray, code: np.ndarray, column: str) -> tuple[str
 
 
 def _write_geojson(town: Town, file: BinaryIO) -> None:
-    """Write GeoJSON (RFC 7946): a line a street."""
+    text = json.dumps(_features(town), ensure_ascii=False, separators=(",", ":"), allow_nan=False) + "\n"
+    file.write(text.encode())
+
+
+def _features(town: Town) -> dict[str, object]:
+    """Build GeoJSON (RFC 7946): a line a street."""
     points, first = np.round(town.points, 7).tolist(), town.first.tolist()
     columns: dict[str, Any] = {
         "tail": town.ids[town.tail].tolist(),
@@ -189,9 +194,7 @@ def _write_geojson(town: Town, file: BinaryIO) -> None:
         }
         for street, row in enumerate(zip(*columns.values(), strict=True))
     ]
-    collection = {"type": "FeatureCollection", "attribution": town.attribution, "features": features}
-    text = json.dumps(collection, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    file.write(f"{text}\n".encode())
+    return {"type": "FeatureCollection", "attribution": town.attribution, "features": features}
 
 
 _WRITERS = {".npz": _write_npz, ".graphml": write_graphml, ".geojson": _write_geojson}

@@ -162,7 +162,6 @@ def import_osm(
     if not len(streets):
         raise OsmError(f"{path}: no street between two crossings is left when those within {merge:g} m are merged")
     town = _town(ways, nodes, streets)
-    starts = np.concatenate([town.tail, town.head[~town.one_way]])
     return town, ImportReport(
         source=path.name,
         ways=ways.read,
@@ -175,7 +174,7 @@ def import_osm(
         nodes=town.nodes,
         streets=town.streets,
         kilometres=town.kilometres,
-        most_exits=int(np.bincount(starts).max()),
+        most_exits=int(np.bincount(np.concatenate([town.tail, town.head[~town.one_way]])).max()),
     )
 
 
@@ -290,7 +289,7 @@ def _split(ways: Ways, nodes: Nodes) -> Streets:
     begin, end = stop[:-1][joined], stop[1:][joined]
     order, first = ranges(begin, end - begin + 1)
     points = nodes.place[node[order]]
-    passed = np.cumsum(nodes.kind[node][:, None] == [CrossingKind.UNSIGNALISED, CrossingKind.SIGNALS], axis=0)
+    crossed = [np.flatnonzero(nodes.kind[node] == kind) for kind in (CrossingKind.UNSIGNALISED, CrossingKind.SIGNALS)]
     return Streets(
         ends=np.stack([node[begin], node[end]], axis=1),
         one_way=np.array(ways.one_way, bool)[way[begin]],
@@ -298,7 +297,7 @@ def _split(ways: Ways, nodes: Nodes) -> Streets:
         width=np.array(ways.widths, np.float64)[way[begin]],
         kind=np.array(ways.kinds, np.int64)[way[begin]],
         name=np.array(ways.names, np.int64)[way[begin]],
-        traffic=passed[end - 1] - passed[begin],
+        traffic=np.stack([np.searchsorted(at, end) - np.searchsorted(at, begin, "right") for at in crossed], axis=1),
         points=points,
         first=first,
     )

@@ -93,7 +93,7 @@ def merge_crossings(streets: Streets, nodes: Nodes, metres: float) -> Streets:
     nearest = order[np.diff(cluster[order], prepend=-1) > 0]
     ends = nearest[cluster][streets.ends]
     gone = (streets.length < least) & (ends[:, 0] == ends[:, 1])
-    streets = _pass_on_crossings(streets, gone, ends)
+    streets = _pass_on_traffic(streets, gone, ends)
     return _extend(streets.keep(~gone), ends[~gone], nodes.place)
 
 
@@ -201,10 +201,8 @@ def _clusters(
     return np.unique([root(node) for node in range(len(xy))], return_inverse=True)[1]
 
 
-def _pass_on_crossings(
-    streets: Streets, gone: Bool[np.ndarray, " street"], ends: Int[np.ndarray, "street 2"]
-) -> Streets:
-    """Count crossings along streets that go for others at the merged crossings where these end."""
+def _pass_on_traffic(streets: Streets, gone: Bool[np.ndarray, " street"], ends: Int[np.ndarray, "street 2"]) -> Streets:
+    """Count crossings of vehicle traffic along streets that go for other streets at the same merged crossing."""
     heirs: dict[int, list[int]] = {node: [] for node in ends[gone, 0].tolist()}
     stays = np.flatnonzero(~gone & (ends[:, 0] != ends[:, 1]))
     for street in stays[np.argsort(streets.length[stays], kind="stable")].tolist():
@@ -231,15 +229,14 @@ def _extend(streets: Streets, ends: Int[np.ndarray, "street 2"], place: Float[np
 
 def _parallel(streets: Streets, metres: float) -> Bool[np.ndarray, " street"]:
     """Find streets hardly longer than others between the same crossings, in all directions that they are walked."""
-    ends = streets.ends
-    low, high = np.sort(ends, axis=1).T
+    low, high = np.sort(streets.ends, axis=1).T
     _, pair, size = np.unique(low * (high.max(initial=0) + 1) + high, return_inverse=True, return_counts=True)
     order = np.lexsort((streets.one_way, streets.length))
     least = max(metres, _MIN_EXCESS)
     dropped = np.zeros(len(streets), bool)
     shortest: dict[tuple[int, int], float] = {}
     for street in order[size[pair[order]] > 1].tolist():
-        tail, head = ends[street].tolist()
+        tail, head = streets.ends[street].tolist()
         length = float(streets.length[street])
         directions = [(tail, head)] if streets.one_way[street] else [(tail, head), (head, tail)]
         dropped[street] = all(length - shortest.get(direction, -np.inf) < least for direction in directions)

@@ -127,10 +127,8 @@ def walkable_width(tags: Tags, table: Mapping[str, float] = WIDTHS) -> tuple[flo
         return _first_width(tags, ("width", "est_width"), table[kind])
     sides = zip(("left", "right"), _sides(tags), strict=True)
     walked = [side for side, state in sides if state not in ("no", "separate")] or ["both"]
-    widths = [
-        _first_width(tags, (f"sidewalk:{side}:width", "sidewalk:both:width", "sidewalk:width"), table[kind] / 2)
-        for side in walked
-    ]
+    both = ("sidewalk:both:width", "sidewalk:width")
+    widths = [_first_width(tags, (f"sidewalk:{side}:width", *both), table[kind] / 2) for side in walked]
     return sum(width for width, _ in widths), any(ignored for _, ignored in widths)
 
 
