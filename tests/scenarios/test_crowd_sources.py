@@ -5,6 +5,7 @@ import pytest
 
 from sidestep.crowds.profile import hour_of_week
 from sidestep.crowds.sensor_model import fit_sensors, recorded_weeks
+from sidestep.network.snapping import Snapper
 from sidestep.scenarios.build import attribution_of, town_of
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.crowd_sources import counts_of
@@ -33,7 +34,7 @@ def test_the_town_has_its_streets_and_crowds(place) -> None:
     assert weight.shape == (place.network.segments, 4)
     assert weight.sum(axis=1).max() <= 1 + 1e-6
     # Of each person an hour 1 / (3,600 s * 1.34 m/s * width) are on a square metre, 120 times.
-    segment = stations(town, place.network, COUNTERS.sensors * 10, COUNTERS.pairing)
+    segment = stations(Snapper(town), place.network, COUNTERS.sensors * 10, COUNTERS.pairing)
     width = np.asarray(place.network.width)[segment]
     np.testing.assert_allclose(place.flow.per_count, 120 / (3600 * FREE_SPEED * width), rtol=1e-6)
     assert attribution_of(HELSINKI.place) == town.attribution

@@ -12,13 +12,13 @@ from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import APART, check_ways, crossings, stations
 
 TOWN = load_helsinki()
-NETWORK = TOWN.network()
+NETWORK, SNAPPER = TOWN.network(), Snapper(TOWN)
 
 
 def test_sensors_without_a_place_are_drawn() -> None:
-    first = stations(TOWN, NETWORK, AUCKLAND_SENSORS, 0)
-    np.testing.assert_array_equal(first, stations(TOWN, NETWORK, AUCKLAND_SENSORS, 0))
-    other = stations(TOWN, NETWORK, AUCKLAND_SENSORS, 1)
+    first = stations(SNAPPER, NETWORK, AUCKLAND_SENSORS, 0)
+    np.testing.assert_array_equal(first, stations(SNAPPER, NETWORK, AUCKLAND_SENSORS, 0))
+    other = stations(SNAPPER, NETWORK, AUCKLAND_SENSORS, 1)
     assert len(set(first.tolist()) & set(other.tolist())) < len(first) / 2
     position = np.asarray(NETWORK.position)
     for found in (first, other):
@@ -31,32 +31,32 @@ def test_sensors_without_a_place_are_drawn() -> None:
 
 def test_more_sensors_than_room_stand_closer() -> None:
     many = tuple(Sensor(name=str(number)) for number in range(400))
-    assert len(set(stations(TOWN, NETWORK, many, 0).tolist())) == 400
+    assert len(set(stations(SNAPPER, NETWORK, many, 0).tolist())) == 400
     too_many = tuple(Sensor(name=str(number)) for number in range(TOWN.streets + 1))
     with pytest.raises(ScenarioError, match=f"there are {TOWN.streets + 1} sensors, but {TOWN.streets} streets"):
-        stations(TOWN, NETWORK, too_many, 0)
+        stations(SNAPPER, NETWORK, too_many, 0)
     with pytest.raises(ScenarioError, match=f"there are 400 sensors on 2000 streets, but {TOWN.streets} streets"):
-        stations(TOWN, NETWORK, many * 5, 0)
+        stations(SNAPPER, NETWORK, many * 5, 0)
 
 
 def test_sensors_with_a_place_stand_there() -> None:
     longitude, latitude = TOWN.course(321).mean(axis=0).tolist()
     here = (latitude + 1e-5, longitude)
     three = (Sensor(name="a"), Sensor(name="b", place=here), Sensor(name="c"))
-    found = stations(TOWN, NETWORK, three, 5)
-    assert found[1] == Snapper(TOWN).nearest(*here).street
+    found = stations(SNAPPER, NETWORK, three, 5)
+    assert found[1] == SNAPPER.nearest(*here).street
     assert len(set(found.tolist())) == 3
     with pytest.raises(ScenarioError, match="'far'") as caught:
-        stations(TOWN, NETWORK, (Sensor(name="far", place=(60.5, 25.0)),), 5)
+        stations(SNAPPER, NETWORK, (Sensor(name="far", place=(60.5, 25.0)),), 5)
     assert caught.value.field == "sensors"
 
 
 def test_places_are_taken_to_the_nearest_crossing() -> None:
     longitude, latitude = TOWN.place[321].tolist()
-    assert crossings(TOWN, "origins", (4, (latitude, longitude))) == (4, 321)
+    assert crossings(SNAPPER, "origins", (4, (latitude, longitude))) == (4, 321)
     for waypoints in ((321, (latitude, longitude)), (TOWN.nodes,), ((48.2, 16.4),)):
         with pytest.raises(ScenarioError) as caught:
-            crossings(TOWN, "origins", waypoints)
+            crossings(SNAPPER, "origins", waypoints)
         assert caught.value.field == "origins"
 
 

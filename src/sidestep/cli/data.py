@@ -14,7 +14,7 @@ from sidestep.errors import SidestepError
 if TYPE_CHECKING:
     from sidestep.crowds.summary import CountSummary
     from sidestep.network.osm import ImportReport
-    from sidestep.scenarios.tables import TableReport
+    from sidestep.scenarios.crowd_sources import TableReport
 
 
 counts_app = App(name="counts", help="Report on counts of pedestrians, or import tables of crowds.")
@@ -91,7 +91,7 @@ def import_counts(
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
     from sidestep.files import output_folder
     from sidestep.scenarios.build import town_of
-    from sidestep.scenarios.tables import import_table
+    from sidestep.scenarios.crowd_sources import import_table
 
     check_suffix(out)
     seconds = None if slot is None else 60 * slot

@@ -1,6 +1,7 @@
 """Maps of a scenario, drawn from a seed: streets, and the crowds expected on them."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from typing import Literal, get_args
@@ -11,16 +12,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key
 
+from sidestep.crowds.arima import ArimaFlow, change_step, load_fitted
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.live import latest_counts
-from sidestep.network.graph import RoadNetwork
-from sidestep.network.snapping import SplitStreets
-from sidestep.scenarios.build import venue_parts
-from sidestep.scenarios.grids import DrawnGrid, streets_and_crowds
+from sidestep.crowds.rush import RushFlow, ShiftingFlow
+from sidestep.files import cached_by_files
+from sidestep.network.graph import RoadNetwork, disjoint_union
+from sidestep.network.grid import grid_network
+from sidestep.network.snapping import Snapper, SplitStreets
+from sidestep.scenarios.build import town_of, waits_of
+from sidestep.scenarios.crowd_sources import crowds_of
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Grid, Venue
 from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.stations import crossings
+from sidestep.walking.speed_laws import Law
 from sidestep.walking.waits import NoWaits, Waits
 
 Purpose = Literal["learn", "explore", "test"]
@@ -111,10 +118,9 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     match scenario.place:
         case Grid() as grid:
             side = grid.sides[index % len(grid.sides)]
-            return _on_grids(grid, [DrawnGrid.draw(grid, side, np.random.default_rng([seed, index]))], scenario, key)
+            return _on_grids(grid, [_draw_grid(grid, side, seed, index)], scenario.slot_seconds, key)
         case Venue() as venue:
-            parts = venue_parts(venue, scenario.slot_seconds, scenario.law)
-            return ScenarioMap(key=key, parts=(parts.network.nodes,), **parts._asdict())
+            return replace(_venue_map(venue, scenario.slot_seconds, scenario.law), key=key)
 
 
 def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
@@ -141,26 +147,86 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     """
     match scenario.place:
         case Grid(training_maps=number) as grid if number:
-            rngs = [np.random.default_rng([seed, another, _LEARN]) for another in range(number)]
-            drawn = [DrawnGrid.draw(grid, grid.side, rng) for rng in rngs]
-            return _on_grids(grid, drawn, scenario, _key(seed, index))
+            key = _key(seed, index)
+            drawn = [_draw_grid(grid, grid.side, seed, another, _LEARN) for another in range(number)]
+            return _on_grids(grid, drawn, scenario.slot_seconds, key)
         case _:
             return draw_map(scenario, seed, index)
 
 
 _LEARN = 1  # a third number makes another stream: no map that is compared on has one
+_Drawn = tuple[RoadNetwork, np.ndarray, np.ndarray, np.ndarray]
+"""A grid; and of each segment the persons without waves and noise, and amplitude (in the logarithm of volume) and phase
+(in radians) of its wave."""
 
 
 def _key(seed: int, index: int) -> Key[Array, ""]:
+    """The random stream of a map.
+
+    Raises
+    ------
+    ScenarioError
+        Negative numbers.
+    """
     if min(seed, index) < 0:
         raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
     # A key made of plain numbers needs no compiled program.
     return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
-def _on_grids(grid: Grid, drawn: list[DrawnGrid], scenario: Scenario, key: Key[Array, ""]) -> ScenarioMap:
-    network, flow = streets_and_crowds(grid, drawn, scenario.slot_seconds)
-    return ScenarioMap(network, flow, flow, key, tuple(one.network.nodes for one in drawn))
+@cached_by_files(lambda venue, *_: venue.files)
+def _venue_map(venue: Venue, slot_seconds: float, law: Law) -> ScenarioMap:
+    """The first map of seed 0 of a venue, made once as long as its files stay as they are."""
+    snapper = Snapper(town_of(venue.streets))
+    network = snapper.town.network()
+    flow, test_flow, sensors = crowds_of(venue, snapper, network, slot_seconds, law)
+    origins = crossings(snapper, "origins", venue.origins)
+    destinations = crossings(snapper, "destinations", venue.destinations)
+    key, waits = _key(0, 0), waits_of(snapper, venue.traffic)
+    return ScenarioMap(network, flow, test_flow, key, (network.nodes,), sensors, origins, destinations, waits)
+
+
+def _draw_grid(grid: Grid, side: int, *seed: int) -> _Drawn:
+    """Draw streets, crowds and, where there are rush hours, waves (section V-A of the paper)."""
+    rng = np.random.default_rng(seed)
+    network = grid_network(side, rng, grid.lengths)
+    tail, head = np.asarray(network.tail), np.asarray(network.head)
+    volume = rng.uniform(*grid.volumes, network.segments)
+    crowded = rng.choice(np.arange(1, network.nodes - 1), _crowded_nodes(grid, network.nodes), replace=False)
+    if grid.rush is None or not grid.rush.shifting:
+        at_crowded = np.isin(tail, crowded) | np.isin(head, crowded)
+        drawn = np.maximum(rng.normal(*grid.crowded_volume, network.segments), 1.0)
+        volume = np.where(at_crowded, drawn, volume)
+    if grid.rush is None:
+        return network, volume, np.zeros(network.segments), np.zeros(network.segments)
+    # Both directions of a street have one wave.
+    street = np.unique(np.sort([tail, head], axis=0), axis=1, return_inverse=True)[1].reshape(-1)
+    amplitude = rng.uniform(*grid.rush.amplitude, network.segments)
+    return network, volume, amplitude[street], rng.uniform(0, 2 * np.pi, network.segments)[street]
+
+
+def _crowded_nodes(grid: Grid, nodes: int) -> int:
+    """As large a share of the nodes as on the first map."""
+    return round(grid.crowded_nodes * nodes / grid.nodes)
+
+
+def _on_grids(grid: Grid, drawn: Sequence[_Drawn], slot_seconds: float, key: Key[Array, ""]) -> ScenarioMap:
+    """Several grids as one map without streets between them, and the crowds on it."""
+    networks, *columns = zip(*drawn, strict=True)
+    network, parts = disjoint_union(networks), tuple(each.nodes for each in networks)
+    volume, amplitude, phase = (jnp.asarray(np.concatenate(each), jnp.float32) for each in columns)
+    flow: FlowModel
+    if (rush := grid.rush) is None:
+        flow = ArimaFlow(volume, change_step(load_fitted(), slot_seconds))
+    else:
+        flow = RushFlow(volume, amplitude, phase, rush.period, rush.phi, rush.sigma, slot_seconds)
+        if rush.shifting:
+            first = np.cumsum((0, *parts))
+            spared = np.isin(np.arange(network.nodes), (first[:-1], first[1:] - 1))
+            ends = jnp.stack([network.tail, network.head], axis=1)
+            crowded_nodes = sum(_crowded_nodes(grid, nodes) for nodes in parts)
+            flow = ShiftingFlow(flow, ends, jnp.asarray(spared), crowded_nodes, *grid.crowded_volume)
+    return ScenarioMap(network, flow, flow, key, parts)
 
 
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose) -> Key[Array, ""]:

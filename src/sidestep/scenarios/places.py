@@ -297,13 +297,18 @@ class Venue(Spec):
         )
         return "; ".join(filter(None, said))
 
+    @property
+    def every_hour(self) -> list[int]:
+        """Hours of the week in which people set out; 0 is Monday 0:00."""
+        return [24 * day + hour for day in sorted(self.days) for hour in range(*self.hours)]
+
     def departure_hours(self, number: int, first: int = 0) -> list[float]:
         """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out.
 
         Minutes are spread by the golden ratio; by that same number each weekday would have minutes of its own.
         """
-        every = [24.0 * day + hour for day in sorted(self.days) for hour in range(*self.hours)]
-        return [every[int(len(every) * (turn * ROOT_3 % 1))] for turn in range(first, first + number)]
+        every = self.every_hour
+        return [float(every[int(len(every) * (turn * ROOT_3 % 1))]) for turn in range(first, first + number)]
 
 
 Place = Grid | Venue

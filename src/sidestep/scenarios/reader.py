@@ -3,19 +3,16 @@
 import os
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from sidestep.errors import SidestepError
 from sidestep.files import reason
 from sidestep.scenarios.builtin import BUILT_IN, scenario
 from sidestep.scenarios.file_model import ScenarioFile
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.objectives import read_objective
-from sidestep.scenarios.places import Venue
 from sidestep.scenarios.spec import Fault, ScenarioError, faults
 from sidestep.scenarios.toml_lines import line_of
 
@@ -89,13 +86,15 @@ def load_scenario(path: str | Path) -> Scenario:
     >>> park.name, park.walks, park.place.hours
     ('park', 20, (8, 18))
     """
+    from sidestep.scenarios.build import mistakes
+
     path = Path(path)
     text = _text(path)
     values, folder = _parsed(path, text), path.resolve().parent
     try:
         read = ScenarioFile.read(values, folder)
-        if mistakes := list(_mistakes(read.place)):
-            raise _refusal(path, text, mistakes)
+        if found := mistakes(read.place):
+            raise _refusal(path, text, found)
         return read.scenario(folder.name if folder.name and path.name == "scenario.toml" else path.stem)
     except ValidationError as error:
         raise _refusal(path, text, faults(error, ScenarioFile)) from error
@@ -135,20 +134,6 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
         raise ScenarioError(f"{path}: line {line}: not TOML: {said}", line=line) from error
     except ValueError as error:  # a number of thousands of digits
         raise ScenarioError(f"{path}: not TOML: {str(error)[:200]}") from error
-
-
-def _mistakes(venue: Venue) -> Iterator[Fault]:
-    """What is wrong with the files that a venue names, and with what is looked for in them."""
-    from sidestep.scenarios.build import checks
-
-    for keys, check in checks(venue):
-        try:
-            check()
-        except SidestepError as error:
-            path = ("place", *keys)
-            yield Fault(path, str(error) if error.field else f"{'.'.join(path)}: {error}")
-            if keys[-1] in ("streets", "file"):  # nothing else can be looked for
-                return
 
 
 def _refusal(path: Path, text: str, mistakes: list[Fault]) -> ScenarioError:

@@ -1,15 +1,15 @@
 """Where things of a venue are on its streets: sensors, lights, origins and destinations."""
 
-from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from jaxtyping import Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order
 
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import Snapper, StreetPoint
-from sidestep.network.town import Town, TownError
+from sidestep.network.town import TownError
 from sidestep.scenarios.places import Sensor
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.values import Waypoint
@@ -18,122 +18,128 @@ APART = 150.0  # m between sensors that are paired with streets, as far as there
 STEPS = "steps"
 
 
-def stations(town: Town, network: RoadNetwork, sensors: tuple[Sensor, ...], pairing: int) -> Int[np.ndarray, " sensor"]:
-    """The segment that each sensor stands on: the street nearest to its place, or, without one, a street drawn for it.
-
-    Streets are drawn in proportion to their length, at least ``APART`` from one another as long as there are such.
+def nearest(snapper: Snapper, place: tuple[float, float], field: str, name: str | None = None) -> StreetPoint:
+    """Find the point on the streets that is nearest to a place of a venue.
 
     Parameters
     ----------
-    town, network
+    snapper
         The streets.
-    sensors
-        Each as often as it stands on a street.
-    pairing
-        Seed of the streets that are drawn.
+    place
+        Latitude and longitude in degrees.
+    field
+        ``sensors``, ``lights``, ``origins`` or ``destinations``, for messages.
+    name
+        Which of the sensors or lights is there.
 
-    Raises
-    ------
-    ScenarioError
-        More sensors, counted once for each of their streets, than streets; places outside the town.
-    """
-    if len(sensors) > town.streets:
-        names = len({sensor.name for sensor in sensors})
-        each = f" on {len(sensors)} streets" if names < len(sensors) else ""
-        raise ScenarioError(f"there are {names} sensors{each}, but {town.streets} streets in the town")
-    snapper = Snapper(town)
-    found = [nearest_street(snapper, sensor) for sensor in sensors]
-    taken = [street for street in found if street is not None]
-    rng = np.random.default_rng([pairing, len(sensors)])
-    drawn = _streets_apart(town, network, taken, len(found) - len(taken), rng)
-    return np.array([next(drawn) if street is None else street for street in found], np.int64)
-
-
-def _streets_apart(
-    town: Town, network: RoadNetwork, taken: list[int], number: int, rng: np.random.Generator
-) -> Iterator[int]:
-    """Draw streets away from those that are taken, and from one another."""
-    middle = (np.asarray(network.position)[town.tail] + np.asarray(network.position)[town.head]) / 2
-    weight = np.where(np.array(town.kind) == STEPS, 0.0, town.length) + 1e-9
-    drawn = rng.choice(town.streets, town.streets, replace=False, p=weight / weight.sum()).tolist()
-    free: list[int] = []
-    apart = APART
-    while len(free) < number:
-        for street in drawn:
-            away = middle[[*taken, *free]] - middle[street]
-            if (np.linalg.norm(away, axis=1) >= apart).all() and street not in (*taken, *free):
-                free.append(street)
-            if len(free) == number:
-                break
-        apart = apart / 2 if apart > 1 else 0.0
-    return iter(free)
-
-
-def nearest_street(snapper: Snapper, sensor: Sensor) -> int | None:
-    """The street that a sensor stands on, where it has a place.
+    Returns
+    -------
+    StreetPoint
+        The street, and where on it.
 
     Raises
     ------
     ScenarioError
         A place outside the town.
     """
-    if sensor.place is None:
-        return None
-    return nearest(snapper, "sensors", f"sensor {sensor.name!r}", sensor.place).street
+    try:
+        return snapper.nearest(*place)
+    except TownError as error:
+        what = field if name is None else f"{field.removesuffix('s')} {name!r}"
+        raise ScenarioError(f"{what}: {error}", field=field) from error
 
 
-def nearest(snapper: Snapper, field: str, what: str, place: tuple[float, float]) -> StreetPoint:
-    """The nearest place on a street.
+def stations(
+    snapper: Snapper, network: RoadNetwork, sensors: tuple[Sensor, ...], pairing: int
+) -> Int[np.ndarray, " sensor"]:
+    """The segment that each sensor stands on: the street nearest to its place, or, without one, a street drawn for it.
+
+    Streets are drawn in proportion to their length, at least ``APART`` from one another as long as there are such.
+
+    Parameters
+    ----------
+    snapper, network
+        The streets.
+    sensors
+        Each as often as it stands on a street.
+    pairing
+        Seed of the streets that are drawn.
+
+    Returns
+    -------
+    Int[np.ndarray, " sensor"]
+        The segment of each sensor, which leads from its street's tail to the head.
 
     Raises
     ------
     ScenarioError
-        A place outside the town, with the ``field`` that has it and a word for ``what`` should be there.
+        More sensors, counted once for each of their streets, than streets; places outside the town.
     """
-    try:
-        return snapper.nearest(*place)
-    except TownError as error:
-        raise ScenarioError(f"{what}: {error}", field=field) from error
+    town = snapper.town
+    if len(sensors) > town.streets:
+        names = len({sensor.name for sensor in sensors})
+        each = f" on {len(sensors)} streets" if names < len(sensors) else ""
+        raise ScenarioError(f"there are {names} sensors{each}, but {town.streets} streets in the town")
+    placed = [
+        None if sensor.place is None else nearest(snapper, sensor.place, "sensors", sensor.name).street
+        for sensor in sensors
+    ]
+    taken = [street for street in placed if street is not None]
+    middle = (np.asarray(network.position)[town.tail] + np.asarray(network.position)[town.head]) / 2
+    weight = np.where(np.array(town.kind) == STEPS, 0.0, town.length) + 1e-9
+    rng = np.random.default_rng([pairing, len(sensors)])
+    drawn = rng.choice(town.streets, town.streets, replace=False, p=weight / weight.sum()).tolist()
+    first_drawn, apart = len(taken), APART
+    while len(taken) < len(sensors):
+        for street in drawn:
+            if len(taken) < len(sensors) and street not in taken:
+                away = np.linalg.norm(middle[taken] - middle[street], axis=1)
+                if (away >= apart).all():
+                    taken.append(street)
+        apart = apart / 2 if apart > 1 else 0.0
+    free = iter(taken[first_drawn:])
+    return np.array([next(free) if street is None else street for street in placed], np.int64)
 
 
-def crossings(town: Town, name: str, waypoints: tuple[Waypoint, ...]) -> tuple[int, ...]:
+def crossings(snapper: Snapper, name: str, waypoints: tuple[Waypoint, ...]) -> tuple[int, ...]:
     """Numbers of the crossings that the origins or destinations of a venue are.
 
     A place is taken to the nearest street, and there to the nearer end.
 
     Parameters
     ----------
-    town
+    snapper
         The streets.
     name
         ``origins`` or ``destinations``, for messages.
     waypoints
         What the venue says of them.
 
+    Returns
+    -------
+    tuple[int, ...]
+        A crossing for each of them.
+
     Raises
     ------
     ScenarioError
         Crossings that do not exist, places outside the town, and two places that are one crossing.
     """
-    snapper, found = Snapper(town), dict[int, Waypoint]()
+    town, found = snapper.town, dict[int, Waypoint]()
     for waypoint in waypoints:
-        node = _crossing(town, snapper, name, waypoint)
+        if not isinstance(waypoint, int):
+            on = nearest(snapper, waypoint, name)
+            node = int(town.tail[on.street] if on.fraction < 0.5 else town.head[on.street])
+        elif waypoint < town.nodes:
+            node = waypoint
+        else:
+            numbers = f"they are numbered 0 to {town.nodes - 1}"
+            raise ScenarioError(f"{name}: there is no crossing {waypoint}; {numbers}", field=name)
         if node in found:
             both = f"{found[node]} and {waypoint} are both crossing {node}"
             raise ScenarioError(f"{name} must all be different, but {both}", field=name)
         found[node] = waypoint
     return tuple(found)
-
-
-def _crossing(town: Town, snapper: Snapper, name: str, waypoint: Waypoint) -> int:
-    if isinstance(waypoint, int):
-        if waypoint >= town.nodes:
-            raise ScenarioError(
-                f"{name}: there is no crossing {waypoint}; they are numbered 0 to {town.nodes - 1}", field=name
-            )
-        return waypoint
-    on = nearest(snapper, name, name, waypoint)
-    return int(town.tail[on.street] if on.fraction < 0.5 else town.head[on.street])
 
 
 def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tuple[int, ...]) -> None:
@@ -154,32 +160,23 @@ def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tup
     ScenarioError
         A crossing from which no path leads to a destination, or a destination where all walks would begin.
     """
-    for destination in destinations:
-        if origins == (destination,):
-            raise ScenarioError(
-                f"destinations: crossing {destination} is the only origin, so nobody walks there", field="destinations"
-            )
-    tail, head = np.asarray(network.tail), np.asarray(network.head)
-    forth = coo_array((np.ones(len(tail)), (tail, head)), shape=(network.nodes,) * 2).tocsr()
-    if connected_components(forth, connection="strong")[0] == 1:
-        return
-    back = forth.T.tocsr()
-    met = [breadth_first_order(forth, node, return_predecessors=False) for node in origins]
-    strays = np.unique(np.concatenate(met)) if met else np.arange(network.nodes)
-    # If all come to one crossing, and from there to all, then all come to all.
-    for destination in destinations or (int(strays[0]),):
-        lost = np.setdiff1d(strays, breadth_first_order(back, destination, return_predecessors=False))
-        if len(lost):
-            raise _no_path(int(lost[0]), destination)
-    if not destinations:
+    if len(origins) == 1 and origins[0] in destinations:
+        raise ScenarioError(
+            f"destinations: crossing {origins[0]} is the only origin, so nobody walks there", field="destinations"
+        )
+    ways = (np.ones(network.segments), (np.asarray(network.tail), np.asarray(network.head)))
+    forth = csr_array(ways, shape=(network.nodes,) * 2)
+    back, nodes = forth.T.tocsr(), np.arange(network.nodes)
+    joined = partial(breadth_first_order, return_predecessors=False)
+    strays = np.unique(np.concatenate([joined(forth, node) for node in origins])) if origins else nodes
+    if not destinations:  # if all come to one crossing, and from there to all, then all come to all
         first = int(strays[0])
-        missed = np.setdiff1d(np.arange(network.nodes), breadth_first_order(forth, first, return_predecessors=False))
-        if len(missed):
-            raise _no_path(first, int(missed[0]))
-
-
-def _no_path(start: int, end: int) -> ScenarioError:
-    return ScenarioError(
-        f"no path leads from crossing {start} to crossing {end}; choose origins and destinations in the part of the "
-        "town in which all crossings reach each other, or import the streets by sidestep import-osm, which keeps it",
-    )
+        destinations = (first, *np.setdiff1d(nodes, joined(forth, first)).tolist()[:1])
+    for destination in destinations:
+        lost = np.setdiff1d(strays, joined(back, destination))
+        if len(lost):
+            raise ScenarioError(
+                f"no path leads from crossing {lost[0]} to crossing {destination}; choose origins and destinations in "
+                "the part of the town in which all crossings reach each other, or import the streets by sidestep "
+                "import-osm, which keeps it",
+            )
