@@ -1,7 +1,6 @@
 """The scenarios that come with Sidestep, by name."""
 
 import difflib
-from typing import Any
 
 from sidestep.scenarios.model import RewardSpec, Scenario
 from sidestep.scenarios.places import Counters, Grid, RushHours, Sensor, Traffic, Venue
@@ -9,21 +8,6 @@ from sidestep.scenarios.spec import ScenarioError
 
 NO_EXTRAS = RewardSpec(progress=0.0, bonus=0.0)
 """Nothing but the cost of the walk."""
-
-_RUSH: dict[str, Any] = {
-    "departures": (0.0, 3600.0),
-    "law": "power-capped",
-    "reward": NO_EXTRAS,
-    "level": "local",
-    "maps": 1,
-    "walks": 500,
-}
-_RUSH_16 = Grid(
-    side=16,
-    crowded_nodes=28,  # one in nine
-    crowded_volume=(5000.0, 1000.0),
-    rush=RushHours(),
-)
 
 # Not those five whose cameras were exchanged between the weeks that are fitted and those that are tested.
 AUCKLAND_SENSORS = tuple(
@@ -36,21 +20,27 @@ AUCKLAND_SENSORS = tuple(
     )
 )  # fmt: skip
 
-TOWN: dict[str, Any] = {
-    "departures": (0.0, 3600.0),
-    "law": "weidmann",
-    "horizon": 3 * 3600.0,
-    "reward": NO_EXTRAS,
-    "level": "map",
-    "maps": 1,
-    "walks": 500,
-}
-"""What the scenarios of venues have in common."""
-
-_EVENT_DAY = Venue(
-    crowd_source=Counters(sensors=AUCKLAND_SENSORS, streets_per_sensor=10, uneven=0.5, reach=40.0), crowding=120.0
+_RUSH_16 = Scenario(
+    name="rush-16",
+    summary="16 x 16 nodes, every street with rush hours of its own and noise",
+    place=Grid(side=16, crowded_nodes=28, crowded_volume=(5000.0, 1000.0), rush=RushHours()),  # one in nine is crowded
+    horizon=6 * 3600.0,
+    departures=(0.0, 3600.0),
+    law="power-capped",
+    reward=NO_EXTRAS,
+    level="local",
+    maps=1,
+    walks=500,
 )
-
+_EVENT_DAY = Counters(sensors=AUCKLAND_SENSORS, streets_per_sensor=10, uneven=0.5, reach=40.0)
+_HELSINKI = _RUSH_16.changed(
+    name="helsinki",
+    summary="central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
+    place=Venue(crowd_source=_EVENT_DAY, crowding=120.0),
+    horizon=3 * 3600.0,
+    law="weidmann",
+    level="map",
+)
 BUILT_IN = {
     scenario.name: scenario
     for scenario in (
@@ -60,46 +50,37 @@ BUILT_IN = {
             summary="the paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people",
             place=Grid(crowded_nodes=4),
         ),
-        Scenario(
-            name="rush-16",
-            summary="16 x 16 nodes, every street with rush hours of its own and noise",
-            place=_RUSH_16,
-            horizon=6 * 3600.0,
-            **_RUSH,
-        ),
-        Scenario(
+        _RUSH_16,
+        _RUSH_16.changed(
             name="rush-32",
             summary="32 x 32 nodes, every street with rush hours of its own and noise",
-            place=_RUSH_16.changed(side=32, crowded_nodes=114),
+            side=32,
+            crowded_nodes=114,
             horizon=12 * 3600.0,
-            **_RUSH,
         ),
-        Scenario(
+        _RUSH_16.changed(
             name="shifting-crowds",
             summary="rush-16 with the crowded nodes elsewhere on every walk",
-            place=_RUSH_16.changed(rush=RushHours(shifting=True)),
+            rush=RushHours(shifting=True),
             horizon=8 * 3600.0,
-            **_RUSH,
         ),
-        Scenario(
+        _RUSH_16.changed(
             name="unseen-maps",
             summary="rush hours on maps that were never walked, some of them larger",
-            place=_RUSH_16.changed(side=10, crowded_nodes=11, larger=(14, 18), training_maps=32),
-            horizon=6 * 3600.0,
-            **_RUSH | {"level": "map", "maps": 12, "walks": 50},
+            side=10,
+            crowded_nodes=11,
+            larger=(14, 18),
+            training_maps=32,
+            level="map",
+            maps=12,
+            walks=50,
         ),
-        Scenario(
-            name="helsinki",
-            summary="central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
-            place=_EVENT_DAY,
-            **TOWN,
-        ),
-        Scenario(
+        _HELSINKI,
+        _HELSINKI.changed(
             name="helsinki-signals",
             summary="helsinki with traffic lights, and vehicles to wait for where there are none (their timing is "
             "invented)",
-            place=_EVENT_DAY.changed(traffic=Traffic()),
-            **TOWN,
+            traffic=Traffic(),
         ),
     )
 }

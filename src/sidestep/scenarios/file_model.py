@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, field_
 
 from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.scenarios import values
-from sidestep.scenarios.builtin import AUCKLAND_SENSORS, TOWN
+from sidestep.scenarios.builtin import AUCKLAND_SENSORS, NO_EXTRAS
 from sidestep.scenarios.model import RewardSpec, Scenario
 from sidestep.scenarios.places import Counters, CrowdTable, Light, Sensor, Traffic, Venue
 from sidestep.scenarios.spec import shown
@@ -154,7 +154,7 @@ class ScenarioFile(Scenario):
     )
     slot_seconds: Annotated[values.Positive, AfterValidator(_seconds)] = Field(default=5.0, alias="slot_minutes")
     law: Law = "weidmann"
-    reward: RewardSpec = TOWN["reward"]
+    reward: RewardSpec = NO_EXTRAS
     level: Literal["local", "map", "live"] = "map"
     maps: values.Count = 1
     walks: values.Count = 500

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 
 from sidestep.errors import SidestepError
 
@@ -30,12 +31,7 @@ class SpecError(SidestepError):
     """
 
     def __init__(
-        self,
-        message: str,
-        *,
-        field: str | None = None,
-        line: int | None = None,
-        others: Sequence["SpecError"] = (),
+        self, message: str, *, field: str | None = None, line: int | None = None, others: Sequence["SpecError"] = ()
     ) -> None:
         super().__init__(message, field=field, line=line)
         self.others = tuple(others)
@@ -102,16 +98,15 @@ class Spec(BaseModel, metaclass=_Refusing):
         SpecError
             Unknown fields and wrong values; of the kind ``refusal``.
         """
-        own = {name: value for name, value in changes.items() if name in type(self).model_fields}
-        inside = {name: value for name, value in changes.items() if name not in own}
+        own = {name: changes.pop(name) for name in type(self).model_fields if name in changes}
         changed = type(self)(**dict(self) | own)
+        if not changes:
+            return changed
         known = list(_changeable(changed))
-        for name in inside:
+        for name in changes:
             if name not in known:
                 raise self.refusal(f"{self.called} has no field {name}{_meant(name, known)}", field=name)
-        if not inside:
-            return changed
-        return changed.changed(**{self.inner: getattr(changed, self.inner).changed(**inside)})
+        return changed.changed(**{self.inner: getattr(changed, self.inner).changed(**changes)})
 
 
 def _changeable(spec: Spec) -> Iterator[str]:
@@ -164,8 +159,7 @@ def _fault(found: Any, kind: type[BaseModel]) -> Fault:
     sort, place = found["type"], found["loc"]
     if sort == "extra_forbidden":
         path, kinds = _walk(kind, place[:-1])
-        known = [field.alias or name for one in kinds for name, field in one.model_fields.items()]
-        path = (*path, str(place[-1]))
+        path, known = (*path, str(place[-1])), [field.alias or name for name, field in _fields(kinds)]
         return Fault(path, f"{'.'.join(path)} is unknown{_meant(path[-1], known)}")
     path, _ = _walk(kind, (*place, "kind") if sort.startswith("union_tag") else place)
     if sort == "missing" and isinstance(place[-1], int):
@@ -181,18 +175,18 @@ def _walk(kind: type[BaseModel], place: Iterable[str | int]) -> tuple[tuple[str,
     kinds = [kind]
     for element in place:
         tagged = [one for one in kinds if "kind" in one.model_fields and one.model_fields["kind"].default == element]
-        here = {
-            field.alias or name: field
-            for one in kinds
-            for name, field in one.model_fields.items()
-            if element in (name, field.alias)
-        }
         if len(kinds) > 1 and tagged:
             kinds = tagged
         elif kinds and isinstance(element, str):  # else it is in plain values, or the number of a spec in a list
-            path += here or [element]
-            kinds = [inside for field in here.values() for inside in _specs_in(field.annotation)] if here else kinds
+            path.append(element)
+            for name, field in _fields(kinds):
+                if element in (name, field.alias):
+                    path[-1], kinds = field.alias or name, list(_specs_in(field.annotation))
     return tuple(path), kinds
+
+
+def _fields(kinds: list[type[BaseModel]]) -> list[tuple[str, FieldInfo]]:
+    return [named for kind in kinds for named in kind.model_fields.items()]
 
 
 def _specs_in(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -20,14 +20,13 @@ def rule(holds: Callable[[Any], bool], must: str) -> AfterValidator:
         Whether a value keeps it.
     must
         The rule, as a sentence goes on that begins with the field.
+
+    Returns
+    -------
+    AfterValidator
+        For the field's annotation.
     """
-
-    def check(value: Any) -> Any:
-        if not holds(value):
-            raise ValueError(f"{must}, not {shown(value)}")
-        return value
-
-    return AfterValidator(check)
+    return AfterValidator(lambda value: _kept(value, holds(value), must))
 
 
 def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) -> Any:
@@ -42,6 +41,11 @@ def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) 
         that it looks at is wrong itself.
     must
         The rule, as a sentence goes on that begins with the field.
+
+    Returns
+    -------
+    Any
+        A validator, to be a member of the spec.
     """
 
     def check(value: Any, info: Any) -> Any:
@@ -49,11 +53,15 @@ def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) 
             held = holds(value, info.data)
         except KeyError:
             return value
-        if not held:
-            raise ValueError(f"{must}, not {shown(value)}")
-        return value
+        return _kept(value, held, must)
 
     return field_validator(field)(check)
+
+
+def _kept(value: Any, held: bool, must: str) -> Any:
+    if not held:
+        raise ValueError(f"{must}, not {shown(value)}")
+    return value
 
 
 def _hour(text: str) -> str:
