@@ -7,7 +7,7 @@ sensors and lights by name, lists for tuples, and files looked for from the fold
 from datetime import date, datetime
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, field_validator
 
@@ -158,25 +158,3 @@ class ScenarioFile(Scenario):
     level: Literal["local", "map", "live"] = "map"
     maps: values.Count = 1
     walks: values.Count = 500
-
-    @classmethod
-    def read(cls, parsed: dict[str, Any], folder: Path) -> Self:
-        """Check what TOML holds; files are looked for from a folder.
-
-        Raises
-        ------
-        pydantic.ValidationError
-            Unknown and missing fields, wrong values, files that do not exist.
-        """
-        return cls.model_validate(_tuples(parsed), context={"folder": folder})
-
-    def scenario(self, name: str) -> Scenario:
-        """The plain scenario; ``name`` is what it is called unless the file says otherwise."""
-        return Scenario.model_validate(self.model_dump() | {"name": self.name or name})
-
-
-def _tuples(value: Any) -> Any:
-    """Lists, which may change, as tuples, which specs hold."""
-    if isinstance(value, dict):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -90,12 +90,13 @@ def load_scenario(path: str | Path) -> Scenario:
 
     path = Path(path)
     text = _text(path)
-    values, folder = _parsed(path, text), path.resolve().parent
+    values, folder = _tuples(_parsed(path, text)), path.resolve().parent
+    name = folder.name if folder.name and path.name == "scenario.toml" else path.stem
     try:
-        read = ScenarioFile.read(values, folder)
+        read = ScenarioFile.model_validate(values, context={"folder": folder})
         if found := mistakes(read.place):
             raise _refusal(path, text, found)
-        return read.scenario(folder.name if folder.name and path.name == "scenario.toml" else path.stem)
+        return Scenario.model_validate(read.model_dump() | {"name": read.name or name})
     except ValidationError as error:
         raise _refusal(path, text, faults(error, ScenarioFile)) from error
 
@@ -134,6 +135,13 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
         raise ScenarioError(f"{path}: line {line}: not TOML: {said}", line=line) from error
     except ValueError as error:  # a number of thousands of digits
         raise ScenarioError(f"{path}: not TOML: {str(error)[:200]}") from error
+
+
+def _tuples(value: Any) -> Any:
+    """Lists, which may change, as tuples, which specs hold."""
+    if isinstance(value, dict):
+        return {key: _tuples(item) for key, item in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _refusal(path: Path, text: str, mistakes: list[Fault]) -> ScenarioError:

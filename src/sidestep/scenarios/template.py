@@ -2,8 +2,8 @@
 
 import os
 import re
-import shutil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from sidestep.files import OutputError, reason
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN
@@ -35,26 +35,22 @@ def new_scenario(folder: Path, name: str) -> Path:
         A folder that exists already or cannot be made.
     """
     if not _NAME.fullmatch(name):
-        raise ScenarioError(
-            f"a scenario's name must have at most 64 letters, digits, - and _, and begin with a letter or digit, not "
-            f"{name!r:.80}",
-            field="name",
-        )
+        rule = "at most 64 letters, digits, - and _, and begin with a letter or digit"
+        raise ScenarioError(f"a scenario's name must have {rule}, not {name!r:.80}", field="name")
     if name in BUILT_IN:
         raise ScenarioError(f"{name} is the name of a built-in scenario; choose another", field="name")
     made = folder / name
     if os.path.lexists(made):
         raise OutputError(f"{made} exists already, and is left as it is")
-    temporary = folder / f".{name}.{os.getpid()}.part"
     try:
-        temporary.mkdir()
-        (temporary / "scenario.toml").write_text(template(name), encoding="utf-8")
-        temporary.rename(made)
+        with TemporaryDirectory(dir=folder, prefix=f".{name}.") as temporary:
+            file = Path(temporary, name, "scenario.toml")
+            file.parent.mkdir()
+            file.write_text(template(name), encoding="utf-8")
+            file.parent.rename(made)
     except OSError as error:
         raise OutputError(f"cannot make the folder {made}: {reason(error)}") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-    return made / "scenario.toml"
+    return made / file.name
 
 
 def template(name: str) -> str:

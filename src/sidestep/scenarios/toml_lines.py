@@ -3,14 +3,13 @@
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import reduce
 from typing import Any
-
-Keys = tuple[str, ...]
 
 _NOT_PLAIN = re.compile(r""""(?:\\.|[^"\\])*"|'[^']*'|#.*""")  # texts and comments
 
 
-def line_of(text: str, keys: Keys) -> int:
+def line_of(text: str, keys: tuple[str, ...]) -> int:
     """The line, from 1, of the statement that gives a value, or else of what is nearest around it.
 
     Parameters
@@ -19,32 +18,48 @@ def line_of(text: str, keys: Keys) -> int:
         A whole document that can be read.
     keys
         Where the value stands: names of tables, then its own.
+
+    Returns
+    -------
+    int
+        1 where none of the tables is there either.
     """
-    found = list(_statements(text))
-    for depth in range(len(keys), 0, -1):
-        for line, header, values in found:
-            if _holds(header, values, keys[:depth]):
-                return line
-    return 1
+    line, _ = max(_statements(text), key=lambda statement: _depth(statement[1], keys))
+    return line
 
 
-def _statements(text: str) -> Iterator[tuple[int, Keys, dict[str, Any]]]:
-    """Each statement's line, the table that it stands under, and what it gives.
+def _depth(values: object, keys: tuple[str, ...]) -> int:
+    """How many of the keys lead on to something in some values."""
+    for depth, key in enumerate(keys):
+        if not isinstance(values, dict) or key not in values:
+            return depth
+        values = values[key]
+    return len(keys)
+
+
+def _statements(text: str) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Each statement's line, and what it gives within the table that it stands under.
 
     A statement is the fewest lines that can be read by themselves, so whatever TOML allows is understood: dotted and
     quoted keys, tables in braces, values over several lines.
+
+    Yields
+    ------
+    tuple[int, dict[str, Any]]
+        The first lines of a document first.
     """
     lines, start = text.replace("\r\n", "\n").split("\n"), 0
-    header: Keys = ()
+    header: list[str] = []
     while start < len(lines):
         end, values = _shortest(lines, start)
         if lines[start].lstrip().startswith("["):
             header, values = _named(values), {}
-        yield start + 1, header, values
+        yield start + 1, reduce(lambda inner, key: {key: inner}, reversed(header), values)
         start = end
 
 
 def _shortest(lines: list[str], start: int) -> tuple[int, dict[str, Any]]:
+    """Where a statement ends, and what it gives."""
     opened, unlikely = 0, []
     for end in range(start + 1, len(lines) + 1):
         # Without counting brackets, long lists would be read once for every line of theirs.
@@ -67,21 +82,11 @@ def _read(lines: list[str]) -> dict[str, Any] | None:
         return None
 
 
-def _named(values: Any) -> Keys:
+def _named(values: Any) -> list[str]:
     """The name of the table in a header that was read by itself."""
     name = []
     while values:
         if isinstance(values, dict):
             name.append(next(iter(values)))
         (values,) = values.values() if isinstance(values, dict) else values
-    return tuple(name)
-
-
-def _holds(header: Keys, values: object, keys: Keys) -> bool:
-    if header[: len(keys)] != keys[: len(header)]:
-        return False
-    for key in keys[len(header) :]:
-        if not isinstance(values, dict) or key not in values:
-            return False
-        values = values[key]
-    return True
+    return name

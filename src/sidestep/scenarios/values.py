@@ -58,7 +58,7 @@ def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) 
     return field_validator(field)(check)
 
 
-def _kept(value: Any, held: bool, must: str) -> Any:
+def _kept(value: Any, held: object, must: str) -> Any:
     if not held:
         raise ValueError(f"{must}, not {shown(value)}")
     return value
