@@ -2,8 +2,7 @@
 
 import pytest
 
-from sidestep.scenarios.model import ObjectiveSpec
-from sidestep.scenarios.objectives import read_objective
+from sidestep.scenarios.model import ObjectiveSpec, read_objective
 from sidestep.scenarios.spec import ScenarioError
 
 

@@ -92,7 +92,7 @@ def compare(
 def show_results(results: "Results") -> None:
     """Print a comparison as a table."""
     from sidestep.evaluation.metrics import HEADINGS, TEXT_COLUMNS, cells
-    from sidestep.scenarios.objectives import objective_in_words
+    from sidestep.scenarios.model import objective_in_words
 
     by, objective, rows = results["by_minutes"], results["objective"], results["planners"]
     only = " (forecasts only)" if results["flows"] == "forecast" else ""

@@ -13,7 +13,7 @@ from sidestep.network.town import Town
 from sidestep.routing.directions import Leg, Step
 from sidestep.routing.formats import Waypoint, feature, gpx, table
 from sidestep.routing.request import NO_COORDINATES, RouteError
-from sidestep.scenarios.objectives import objective_in_words
+from sidestep.scenarios.model import objective_in_words
 
 T = TypeVar("T")
 _DIGITS = {"metres": 2, "minutes": 3, "density": 4}  # in GeoJSON

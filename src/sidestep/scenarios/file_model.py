@@ -4,7 +4,8 @@ A file has the names of the specs. It differs in values: minutes for seconds, na
 sensors and lights by name, lists for tuples, and files looked for from the folder of the scenario.
 """
 
-from datetime import date, datetime
+from collections.abc import ItemsView
+from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -27,7 +28,7 @@ def _found(built_in: str, name: str, info: Any) -> str:
     """What comes with the package, or a file that is there, by its whole path."""
     if name == built_in:
         return name
-    file = Path((info.context or {}).get("folder", ".")) / name
+    file = Path(info.context["folder"], name)
     try:
         there, folder = file.exists(), file.is_dir()
     except OSError as error:  # too long a name
@@ -50,9 +51,8 @@ def _weekday(value: object) -> int:
     for number, day in enumerate(DAYS):
         if isinstance(value, str) and value.strip().lower() in (day.lower(), day[:3].lower()):
             return number
-    raise ValueError(
-        f"must be weekdays, {', '.join(day[:3] for day in DAYS)}, or a span such as Mon-Fri, not {shown(value)}"
-    )
+    short = ", ".join(day[:3] for day in DAYS)
+    raise ValueError(f"must be weekdays, {short}, or a span such as Mon-Fri, not {shown(value)}")
 
 
 def _weekdays(value: object) -> object:
@@ -65,18 +65,14 @@ def _weekdays(value: object) -> object:
 
 def _texts(value: object) -> object:
     """Dates and times as text."""
-    return (
-        tuple(day.isoformat() if isinstance(day, date | datetime) else day for day in value)
-        if isinstance(value, tuple)
-        else value
-    )
+    if not isinstance(value, tuple):
+        return value
+    return tuple(day.isoformat() if isinstance(day, date) else day for day in value)
 
 
-def _by_name(kind: Any, value: object) -> list[tuple[str, Any]]:
+def _by_name(kind: Any, value: object) -> ItemsView[str, Any]:
     """The items of a table, by default none; mistakes in them are mistakes of these fields."""
-    if value == ():
-        return []
-    return list(TypeAdapter(dict[str, kind]).validate_python(value, strict=True).items())
+    return TypeAdapter(dict[str, kind]).validate_python({} if value == () else value, strict=True).items()
 
 
 class _TimedLight(Light):
@@ -139,7 +135,7 @@ class VenueFile(Venue):
     crowd_source: Annotated[CountersFile | CrowdTableFile, Field(discriminator="kind"), BeforeValidator(_with_kind)] = (
         CountersFile()
     )
-    days: Annotated[values.Days, BeforeValidator(_weekdays)] = Field(default=tuple(range(7)), validate_default=False)
+    days: Annotated[values.Days, BeforeValidator(_weekdays)] = Field(tuple(range(7)), validate_default=False)
     traffic: TrafficFile | None = None
 
 
@@ -148,11 +144,9 @@ class ScenarioFile(Scenario):
 
     name: values.Remark = ""
     place: VenueFile
-    horizon: Annotated[values.Positive, AfterValidator(_seconds)] = Field(default=180.0, alias="horizon_minutes")
-    departures: Annotated[values.Range, AfterValidator(_both_seconds)] = Field(
-        default=(0.0, 60.0), alias="departures_minutes"
-    )
-    slot_seconds: Annotated[values.Positive, AfterValidator(_seconds)] = Field(default=5.0, alias="slot_minutes")
+    horizon: Annotated[values.Positive, AfterValidator(_seconds)] = Field(180.0, alias="horizon_minutes")
+    departures: Annotated[values.Range, AfterValidator(_both_seconds)] = Field((0.0, 60.0), alias="departures_minutes")
+    slot_seconds: Annotated[values.Positive, AfterValidator(_seconds)] = Field(5.0, alias="slot_minutes")
     law: Law = "weidmann"
     reward: RewardSpec = NO_EXTRAS
     level: Literal["local", "map", "live"] = "map"

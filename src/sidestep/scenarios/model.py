@@ -13,7 +13,7 @@ from sidestep.crowds.base import SLOT_SECONDS
 from sidestep.environment.types import Information
 from sidestep.scenarios import values
 from sidestep.scenarios.places import Grid, Place
-from sidestep.scenarios.spec import Spec
+from sidestep.scenarios.spec import ScenarioError, Spec
 from sidestep.scenarios.values import across
 from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.speed_laws import Law
@@ -65,6 +65,59 @@ class ObjectiveSpec(Spec):
     def to_json(self) -> dict[str, float | None] | None:
         """The weights; None where time alone counts."""
         return None if self.is_time else self.model_dump(exclude={"measured"})
+
+
+WORDS = {
+    "time": ObjectiveSpec(),
+    "distance": ObjectiveSpec(time=0.0, distance=1.0),
+    # Exposure counts a hundredth of time as well: paths on which nobody is met would otherwise all be the same.
+    "exposure": ObjectiveSpec(time=0.01, exposure=1.0),
+}
+WEIGHTS = ("time", "distance", "exposure", "max_density")
+
+
+def read_objective(text: str) -> ObjectiveSpec:
+    """``time``, ``distance``, ``exposure``, or weights such as ``exposure=0.5,max_density=4``.
+
+    Parameters
+    ----------
+    text
+        Time has a weight of 1 unless another is given. :class:`ObjectiveSpec` has the units.
+
+    Returns
+    -------
+    ObjectiveSpec
+        What the word or the weights say.
+
+    Raises
+    ------
+    ScenarioError
+        Unknown words, and weights that are no numbers or out of range.
+    """
+    if text.strip() in WORDS:
+        return WORDS[text.strip()]
+    weights: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = (each.strip() for each in part.partition("="))
+        if name not in WEIGHTS or name in weights:
+            raise ScenarioError(
+                f"objective must be {', '.join(WORDS)}, or weights of {', '.join(WEIGHTS)}, such as "
+                f"exposure=0.5,max_density=4, not {text!r:.80}",
+                field="objective",
+            )
+        try:
+            weights[name] = float(value)
+        except ValueError as error:
+            raise ScenarioError(f"objective: {name} must be a number, not {value!r:.40}", field=name) from error
+    return ObjectiveSpec().changed(**weights)
+
+
+def objective_in_words(objective: dict[str, float | None]) -> str:
+    """An objective's weights, by name, for people."""
+    units = {"time": "s", "distance": "m", "exposure": "person·s/m² met"}
+    terms = [f"{weight:g} x {units[name]}" for name, weight in objective.items() if name in units and weight]
+    most = objective["max_density"]
+    return " + ".join(terms) + ("" if most is None else f", avoiding streets above {most:g} persons/m²")
 
 
 class Scenario(Spec):

@@ -11,8 +11,7 @@ from pydantic import ValidationError
 from sidestep.files import reason
 from sidestep.scenarios.builtin import BUILT_IN, scenario
 from sidestep.scenarios.file_model import ScenarioFile
-from sidestep.scenarios.model import Scenario
-from sidestep.scenarios.objectives import read_objective
+from sidestep.scenarios.model import Scenario, read_objective
 from sidestep.scenarios.spec import Fault, ScenarioError, faults
 from sidestep.scenarios.toml_lines import line_of
 
@@ -30,7 +29,7 @@ def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **c
         A name; or a path, which ends in ``.toml``, has a separator in it, or exists.
     objective
         What walkers keep low, instead of the scenario's own, as
-        :func:`sidestep.scenarios.objectives.read_objective` reads it.
+        :func:`sidestep.scenarios.model.read_objective` reads it.
     **changes
         Fields of the scenario, its place or its crowd source.
 
@@ -86,14 +85,14 @@ def load_scenario(path: str | Path) -> Scenario:
     >>> park.name, park.walks, park.place.hours
     ('park', 20, (8, 18))
     """
-    from sidestep.scenarios.build import mistakes
-
     path = Path(path)
     text = _text(path)
     values, folder = _tuples(_parsed(path, text)), path.resolve().parent
     name = folder.name if folder.name and path.name == "scenario.toml" else path.stem
     try:
         read = ScenarioFile.model_validate(values, context={"folder": folder})
+        from sidestep.scenarios.build import mistakes  # with JAX, which mistakes in the file itself need not wait for
+
         if found := mistakes(read.place):
             raise _refusal(path, text, found)
         return Scenario.model_validate(read.model_dump() | {"name": read.name or name})
