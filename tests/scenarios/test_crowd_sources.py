@@ -6,10 +6,9 @@ import pytest
 from sidestep.crowds.profile import hour_of_week
 from sidestep.crowds.sensor_model import fit_sensors, recorded_weeks
 from sidestep.network.snapping import Snapper
-from sidestep.scenarios.build import attribution_of, town_of
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.crowd_sources import counts_of
-from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.maps import attribution_of, draw_map, town_of
 from sidestep.scenarios.places import Grid
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import stations

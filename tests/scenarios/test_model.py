@@ -2,9 +2,8 @@
 
 import pytest
 
-from sidestep.scenarios.build import objective_of, reward_of
 from sidestep.scenarios.builtin import BUILT_IN, scenario
-from sidestep.scenarios.model import ObjectiveSpec, RewardSpec
+from sidestep.scenarios.model import ObjectiveSpec, RewardSpec, objective_of, reward_of
 from sidestep.scenarios.places import CrowdTable
 
 

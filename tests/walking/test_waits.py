@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sidestep.scenarios.build import DAY_OF_TRAFFIC, MOST_CROSSINGS
+from sidestep.scenarios.maps import DAY_OF_TRAFFIC, MOST_CROSSINGS
 from sidestep.walking.waits import NoWaits, Waits, gap_delay, light_phases
 
 ALL = jnp.arange(3)

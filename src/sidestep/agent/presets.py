@@ -13,7 +13,7 @@ from typing import Literal
 
 from sidestep.agent.config import TrainConfig, TrainConfigError
 from sidestep.environment.types import Information
-from sidestep.scenarios.build import town_of
+from sidestep.scenarios.maps import town_of
 from sidestep.scenarios.model import Scenario
 
 Preset = Literal["default", "paper", "dqn", "tabular-q"]

@@ -90,8 +90,8 @@ def import_counts(
     options.start_jax()
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
     from sidestep.files import output_folder
-    from sidestep.scenarios.build import town_of
     from sidestep.scenarios.crowd_sources import import_table
+    from sidestep.scenarios.maps import town_of
 
     check_suffix(out)
     seconds = None if slot is None else 60 * slot

@@ -11,7 +11,7 @@ from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, choose_planners, find_planner
 from sidestep.plotting import TradeOffPoint
-from sidestep.scenarios.build import attribution_of
+from sidestep.scenarios.maps import attribution_of
 from sidestep.scenarios.model import Scenario
 
 WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)

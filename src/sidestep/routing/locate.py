@@ -22,8 +22,7 @@ from sidestep.planners.shortest_path import ShortestPath, distances_to
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.plan import End, RequestFacts, StreetMap
 from sidestep.routing.request import Counts, Place, RouteError, RouteRequest, at_fault
-from sidestep.scenarios.build import town_of
-from sidestep.scenarios.maps import ScenarioMap, with_live_counts
+from sidestep.scenarios.maps import ScenarioMap, town_of, with_live_counts
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Grid, Venue
 from sidestep.scenarios.values import DAYS

@@ -13,20 +13,11 @@ from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.base import Field, FlowModel
 from sidestep.environment.cost_to_go import WINDOW, expected_cost_to_go, live_cost_to_go
-from sidestep.environment.types import (
-    EnvParams,
-    Futures,
-    Information,
-    LiveCostToGo,
-    Meant,
-    destinations_in_turn,
-    futures_in_turn,
-)
+from sidestep.environment.types import EnvParams, Futures, Information, LiveCostToGo, Meant, destinations_in_turn
 from sidestep.network.graph import RoadNetwork
-from sidestep.scenarios.build import objective_of, reward_of
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import Purpose, ScenarioMap, purpose_key
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import Scenario, objective_of, reward_of
 from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
 from sidestep.walking.speed_laws import LAWS, SpeedLaw
 
@@ -209,7 +200,8 @@ def _environment(
 ) -> EnvParams:
     field = crowds.flow.expected(hours, crowds.slots)
     expected = walking_speeds(network, field, crowds.law, densities=densities)
-    params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, **rest)
+    as_expected = Futures(expected, *destinations_in_turn(expected.count, hours))
+    params = EnvParams(network, as_expected, expected, level=level, **rest)
     if level in ("map", "live"):
         nothing = jnp.zeros((len(destinations), network.nodes), bool)
         where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)

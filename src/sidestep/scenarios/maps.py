@@ -1,10 +1,11 @@
-"""Maps of a scenario, drawn from a seed: streets, and the crowds expected on them."""
+"""Maps of a scenario: streets, crowds and waits, drawn from a seed or read from the files that a venue names."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
-from typing import Literal, get_args
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 import equinox as eqx
 import jax
@@ -17,19 +18,27 @@ from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.live import latest_counts
 from sidestep.crowds.rush import RushFlow, ShiftingFlow
+from sidestep.errors import SidestepError
 from sidestep.files import cached_by_files
+from sidestep.network.formats import load_helsinki, load_town
 from sidestep.network.graph import RoadNetwork, disjoint_union
 from sidestep.network.grid import grid_network
 from sidestep.network.snapping import Snapper, SplitStreets
-from sidestep.scenarios.build import town_of, waits_of
-from sidestep.scenarios.crowd_sources import crowds_of
+from sidestep.network.town import Town
+from sidestep.scenarios.crowd_sources import HOUR, check_crowds, crowds_of
 from sidestep.scenarios.model import Scenario
-from sidestep.scenarios.places import Grid, Venue
-from sidestep.scenarios.spec import ScenarioError
-from sidestep.scenarios.stations import crossings
+from sidestep.scenarios.places import Grid, Place, Traffic, Venue
+from sidestep.scenarios.spec import Fault, ScenarioError
+from sidestep.scenarios.stations import check_ways, crossings, nearest
 from sidestep.walking.speed_laws import Law
 from sidestep.walking.waits import NoWaits, Waits
 
+MOST_CROSSINGS = 8  # without lights on one street; with more, waits might change faster than time goes by
+# Of the busiest hour's traffic, by hour of the day: a working day in a city, as an assumption.
+DAY_OF_TRAFFIC = (
+    0.10, 0.06, 0.05, 0.05, 0.08, 0.20, 0.45, 0.80, 0.95, 0.75, 0.70, 0.75,
+    0.80, 0.80, 0.80, 0.85, 0.95, 1.00, 0.85, 0.65, 0.50, 0.40, 0.30, 0.18,
+)  # fmt: skip
 Purpose = Literal["learn", "explore", "test"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
 
@@ -66,18 +75,10 @@ class ScenarioMap(eqx.Module):
         Futures for tests are simulated: there are only as many recorded weeks as were counted, and none goes on from
         now.
         """
-        parent, fraction = jnp.asarray(streets.parent), jnp.asarray(streets.fraction, jnp.float32)
-        flow = self.flow.on_pieces(parent, fraction)
-        return replace(
-            self,
-            network=streets.network,
-            flow=flow,
-            test_flow=flow,
-            parts=(streets.network.nodes,),
-            origins=(),
-            destinations=(),
-            waits=self.waits.on_pieces(parent, jnp.asarray(streets.begins_at_crossing)),
-        )
+        network, parent = streets.network, jnp.asarray(streets.parent)
+        flow = self.flow.on_pieces(parent, jnp.asarray(streets.fraction, jnp.float32))
+        waits = self.waits.on_pieces(parent, jnp.asarray(streets.begins_at_crossing))
+        return ScenarioMap(network, flow, flow, self.key, (network.nodes,), self.sensors, waits=waits)
 
     @property
     def fingerprint(self) -> str:
@@ -174,18 +175,6 @@ def _key(seed: int, index: int) -> Key[Array, ""]:
     return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
-@cached_by_files(lambda venue, *_: venue.files)
-def _venue_map(venue: Venue, slot_seconds: float, law: Law) -> ScenarioMap:
-    """The first map of seed 0 of a venue, made once as long as its files stay as they are."""
-    snapper = Snapper(town_of(venue.streets))
-    network = snapper.town.network()
-    flow, test_flow, sensors = crowds_of(venue, snapper, network, slot_seconds, law)
-    origins = crossings(snapper, "origins", venue.origins)
-    destinations = crossings(snapper, "destinations", venue.destinations)
-    key, waits = _key(0, 0), waits_of(snapper, venue.traffic)
-    return ScenarioMap(network, flow, test_flow, key, (network.nodes,), sensors, origins, destinations, waits)
-
-
 def _draw_grid(grid: Grid, side: int, *seed: int) -> _Drawn:
     """Draw streets, crowds and, where there are rush hours, waves (section V-A of the paper)."""
     rng = np.random.default_rng(seed)
@@ -227,6 +216,111 @@ def _on_grids(grid: Grid, drawn: Sequence[_Drawn], slot_seconds: float, key: Key
             crowded_nodes = sum(_crowded_nodes(grid, nodes) for nodes in parts)
             flow = ShiftingFlow(flow, ends, jnp.asarray(spared), crowded_nodes, *grid.crowded_volume)
     return ScenarioMap(network, flow, flow, key, parts)
+
+
+@cached_by_files(lambda venue, *_: venue.files)
+def _venue_map(venue: Venue, slot_seconds: float, law: Law) -> ScenarioMap:
+    """The first map of seed 0 of a venue, made once as long as its files stay as they are."""
+    snapper = Snapper(town_of(venue.streets))
+    network = snapper.town.network()
+    flow, test_flow, sensors = crowds_of(venue, snapper, network, slot_seconds, law)
+    origins = crossings(snapper, "origins", venue.origins)
+    destinations = crossings(snapper, "destinations", venue.destinations)
+    key, waits = _key(0, 0), waits_of(snapper, venue.traffic)
+    return ScenarioMap(network, flow, test_flow, key, (network.nodes,), sensors, origins, destinations, waits)
+
+
+@cached_by_files(lambda streets: (streets,))
+def town_of(streets: str) -> Town:
+    """The streets of a venue, read once as long as their file stays as it is.
+
+    Parameters
+    ----------
+    streets
+        Name of a file, or ``helsinki``.
+
+    Raises
+    ------
+    SidestepError
+        A file that cannot be read.
+    """
+    return load_helsinki() if streets == "helsinki" else load_town(Path(streets))
+
+
+def attribution_of(place: Place) -> str:
+    """Whose streets a place has; "" where they are drawn."""
+    return town_of(place.streets).attribution if place.streets else ""
+
+
+def waits_of(snapper: Snapper, traffic: Traffic | None) -> Waits | NoWaits:
+    """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike.
+
+    Parameters
+    ----------
+    snapper
+        The streets.
+    traffic
+        The vehicles; without them nobody waits.
+
+    Returns
+    -------
+    Waits | NoWaits
+        The waits before each segment.
+
+    Raises
+    ------
+    ScenarioError
+        A light outside the town.
+    """
+    if traffic is None:
+        return NoWaits()
+    town = snapper.town
+    drawn = np.random.default_rng([traffic.seed, town.streets]).uniform(0, traffic.cycle, town.streets)
+    timing = np.broadcast_arrays(traffic.cycle, traffic.green, drawn)
+    # One row a street: its lights and its other crossings; cycle, green and offset of the first light.
+    rows = np.stack([town.signals, np.minimum(town.crossings, MOST_CROSSINGS), *timing], axis=1)
+    for light in traffic.lights:
+        row = rows[nearest(snapper, light.place, "lights", light.name).street]
+        row[:] = max(row[0], 1), row[1], light.cycle, light.green, light.offset
+    street, _ = town.street_of_segment()
+    lights, others, cycle, green, offset = (jnp.asarray(column[street], jnp.float32) for column in rows.T)
+    vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
+    return Waits(lights, others, cycle, green, offset, vehicles, traffic.critical_gap)
+
+
+def mistakes(venue: Venue) -> list[Fault]:
+    """Find what is wrong with the files that a venue names, and with what is looked for in them.
+
+    Parameters
+    ----------
+    venue
+        The place; it need not be that its files hold anything.
+
+    Returns
+    -------
+    list[Fault]
+        The mistakes, with their fields from the scenario inwards. After a file that cannot be read there is no other.
+    """
+    found: list[Fault] = []
+
+    def attempt(keys: tuple[str, ...], function: Callable[..., Any], *arguments: Any) -> Any:
+        path = ("place", *keys)
+        try:
+            return function(*arguments)
+        except SidestepError as error:
+            found.append(Fault(path, str(error) if error.field else f"{'.'.join(path)}: {error}"))
+
+    if (town := attempt(("streets",), town_of, venue.streets)) is None:
+        return found
+    snapper = Snapper(town)
+    if check_crowds(venue, snapper, attempt) is None:
+        return found
+    for light in venue.traffic.lights if venue.traffic else ():
+        attempt(("traffic", "lights", light.name), nearest, snapper, light.place, "lights", light.name)
+    ends = [attempt((name,), crossings, snapper, name, getattr(venue, name)) for name in ("origins", "destinations")]
+    if None not in ends:
+        attempt(("destinations",), check_ways, town.network(), *ends)
+    return found
 
 
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose) -> Key[Array, ""]:

@@ -10,12 +10,13 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from sidestep.crowds.base import SLOT_SECONDS
-from sidestep.environment.types import Information
+from sidestep.environment.types import Information, RewardWeights
 from sidestep.scenarios import values
 from sidestep.scenarios.places import Grid, Place
 from sidestep.scenarios.spec import ScenarioError, Spec
 from sidestep.scenarios.values import across
 from sidestep.walking.crossing_time import CrossingRule
+from sidestep.walking.objective import TravelTime, WeightedObjective
 from sidestep.walking.speed_laws import Law
 
 MOST_WEIGHT = 100.0  # of anything in an objective; sums of larger ones are lost in single precision
@@ -65,6 +66,16 @@ class ObjectiveSpec(Spec):
     def to_json(self) -> dict[str, float | None] | None:
         """The weights; None where time alone counts."""
         return None if self.is_time else self.model_dump(exclude={"measured"})
+
+
+def objective_of(objective: ObjectiveSpec) -> TravelTime | WeightedObjective:
+    """What walkers keep low, as environments have it."""
+    return TravelTime() if objective.is_time else WeightedObjective(**objective.model_dump(exclude={"measured"}))
+
+
+def reward_of(reward: RewardSpec) -> RewardWeights:
+    """What an agent is rewarded for, as environments have it."""
+    return RewardWeights(**dict(reward))
 
 
 WORDS = {

@@ -33,20 +33,22 @@ def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **c
     **changes
         Fields of the scenario, its place or its crowd source.
 
+    Returns
+    -------
+    Scenario
+        The scenario, checked.
+
     Raises
     ------
     SidestepError
         Unknown names and fields, wrong values, files that hold no scenario.
     """
-    found = _named(str(name_or_file))
+    name = str(name_or_file)
+    in_a_file = name.endswith(".toml") or set(name) & {os.sep, os.altsep} or _exists(Path(name))
+    found = load_scenario(name) if name not in BUILT_IN and in_a_file else scenario(name)
     if objective is not None:
         changes["objective"] = read_objective(objective)
     return found.changed(**changes)
-
-
-def _named(name: str) -> Scenario:
-    in_a_file = name.endswith(".toml") or set(name) & {os.sep, os.altsep} or _exists(Path(name))
-    return load_scenario(name) if name not in BUILT_IN and in_a_file else scenario(name)
 
 
 def _exists(path: Path) -> bool:
@@ -91,7 +93,7 @@ def load_scenario(path: str | Path) -> Scenario:
     name = folder.name if folder.name and path.name == "scenario.toml" else path.stem
     try:
         read = ScenarioFile.model_validate(values, context={"folder": folder})
-        from sidestep.scenarios.build import mistakes  # with JAX, which mistakes in the file itself need not wait for
+        from sidestep.scenarios.maps import mistakes  # with JAX, which mistakes in the file itself need not wait for
 
         if found := mistakes(read.place):
             raise _refusal(path, text, found)
