@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sidestep.errors import SidestepError
-from sidestep.scenarios.file_model import CountersFile, CrowdTableFile, ScenarioFile, TrafficFile, VenueFile
 from sidestep.scenarios.model import ObjectiveSpec, RewardSpec, Scenario
 from sidestep.scenarios.places import Light
-from sidestep.scenarios.reader import load_scenario
+from sidestep.scenarios.reader import CountersFile, CrowdTableFile, ScenarioFile, TrafficFile, VenueFile, load_scenario
 from sidestep.scenarios.template import template
 
 TEMPLATE = template("town")

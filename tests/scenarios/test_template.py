@@ -8,10 +8,9 @@ import pytest
 
 from sidestep.files import OutputError
 from sidestep.scenarios.builtin import BUILT_IN
-from sidestep.scenarios.file_model import CountersFile, CrowdTableFile, ScenarioFile, TrafficFile, VenueFile
 from sidestep.scenarios.model import ObjectiveSpec, RewardSpec
 from sidestep.scenarios.places import Light, Traffic
-from sidestep.scenarios.reader import load_scenario
+from sidestep.scenarios.reader import CountersFile, CrowdTableFile, ScenarioFile, TrafficFile, VenueFile, load_scenario
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.template import new_scenario
 

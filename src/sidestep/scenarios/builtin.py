@@ -10,15 +10,13 @@ NO_EXTRAS = RewardSpec(progress=0.0, bonus=0.0)
 """Nothing but the cost of the walk."""
 
 # Not those five whose cameras were exchanged between the weeks that are fitted and those that are tested.
-AUCKLAND_SENSORS = tuple(
-    Sensor(name=name)
-    for name in (
-        "1 Courthouse Lane", "107 Quay Street", "150 K Road", "183 K Road", "188 Quay Street Lower Albert (EW)",
-        "188 Quay Street Lower Albert (NS)", "19 Shortland Street", "2 High Street", "45 Queen Street",
-        "59 High Street", "61 Federal Street", "7 Custom Street East", "8 Darby Street EW", "8 Darby Street NS",
-        "Commerce Street West", "Te Ara Tahuhu Walkway",
-    )
+_NAMES = (
+    "1 Courthouse Lane", "107 Quay Street", "150 K Road", "183 K Road", "188 Quay Street Lower Albert (EW)",
+    "188 Quay Street Lower Albert (NS)", "19 Shortland Street", "2 High Street", "45 Queen Street", "59 High Street",
+    "61 Federal Street", "7 Custom Street East", "8 Darby Street EW", "8 Darby Street NS", "Commerce Street West",
+    "Te Ara Tahuhu Walkway",
 )  # fmt: skip
+AUCKLAND_SENSORS = tuple(Sensor(name=name) for name in _NAMES)
 
 _RUSH_16 = Scenario(
     name="rush-16",
@@ -96,6 +94,11 @@ def scenario(name: str, **changes: object) -> Scenario:
     **changes
         Fields of the scenario, its place or its crowd source, as :meth:`~sidestep.scenarios.spec.Spec.changed` takes
         them.
+
+    Returns
+    -------
+    Scenario
+        The scenario, checked again.
 
     Raises
     ------

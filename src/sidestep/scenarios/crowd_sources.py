@@ -123,6 +123,11 @@ def check_crowds(venue: Venue, snapper: Snapper, attempt: Callable[..., Any]) ->
 def _counted(venue: Venue, source: Counters, snapper: Snapper, network: RoadNetwork, slot_seconds: float) -> Crowds:
     """Simulated crowds, and those that were recorded in the weeks to test on.
 
+    Returns
+    -------
+    Crowds
+        Those on tests go through the recorded weeks.
+
     Raises
     ------
     ScenarioError
@@ -164,6 +169,11 @@ def _tabled(
     venue: Venue, noise: tuple[float, float], table: TableData, network: RoadNetwork, slot_seconds: float, law: Law
 ) -> TableFlow:
     """The crowds of a venue as its table has them.
+
+    Returns
+    -------
+    TableFlow
+        The crowds at the table's numbers times the crowding of the venue.
 
     Raises
     ------

@@ -36,6 +36,11 @@ class InstanceSampler(eqx.Module):
         """Turn uniform numbers in [0, 1) into an instance.
 
         Numbers, not a key, because drawing them for a whole chunk of training at once is many times cheaper.
+
+        Returns
+        -------
+        Instance
+            One walk.
         """
         destinations, origins = self.origins.shape
         destination = _pick(destinations, uniform[1])
@@ -116,6 +121,11 @@ def random_destinations(scenario_map: ScenarioMap, walks: int, part: int) -> Int
 
     Where the map has destinations of its own they are among these, and there may be fewer: walks go to each in turn.
 
+    Returns
+    -------
+    Int[np.ndarray, "destination 1"]
+        A node for each of them.
+
     Raises
     ------
     ScenarioError
@@ -172,16 +182,19 @@ def sampler(
     anywhere
         Whether walks begin anywhere, not where the scenario's do.
 
+    Returns
+    -------
+    InstanceSampler
+        It draws walks to all destinations alike.
+
     Raises
     ------
     ScenarioError
         Fewer futures than destinations.
     """
     destinations = destinations_of(scenario_map, 1) if destinations is None else destinations
-    number = jnp.arange(len(destinations))
-    meant = params.futures.destination[:futures]
-    _check_futures(meant.shape[0], len(destinations))
-    for_each = meant == number[:, None]
+    for_each = params.futures.destination[:futures] == jnp.arange(len(destinations))[:, None]
+    _check_futures(for_each.shape[1], len(destinations))
     part = np.repeat(np.arange(len(scenario_map.parts)), scenario_map.parts)
     first = np.cumsum((0, *scenario_map.parts[:-1]))
     # Both have as many candidates, so that training from either is the same compiled program.
@@ -191,7 +204,7 @@ def sampler(
         begins = elsewhere = _own_origins(scenario_map, destinations)[0]
     return InstanceSampler(
         origins=jnp.asarray(begins, jnp.int32),
-        destinations=jnp.asarray(destinations[np.arange(len(destinations))[:, None], part[elsewhere]], jnp.int32),
+        destinations=jnp.asarray(np.take_along_axis(destinations, part[elsewhere], axis=1), jnp.int32),
         departures=jnp.asarray(np.asarray(scenario.departures), jnp.float32),
         futures=jnp.argsort(~for_each, axis=1, stable=True).astype(jnp.int32),
         counts=for_each.sum(axis=1).astype(jnp.int32),
@@ -270,8 +283,6 @@ def instances(
     )
 
 
-def _check_futures(futures: int, destinations: int) -> None:
-    if futures < destinations:
-        raise ScenarioError(
-            f"{destinations} destinations need as many futures, but there are {futures}", field="destinations"
-        )
+def _check_futures(futures: int, count: int) -> None:
+    if futures < count:
+        raise ScenarioError(f"{count} destinations need as many futures, but there are {futures}", field="destinations")

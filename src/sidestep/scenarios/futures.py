@@ -77,7 +77,7 @@ def make_environment(
     objective = objective_of(scenario.objective)
     return _environment(
         _Crowds.of(scenario, scenario_map.flow_for(purpose)),
-        _future_key(scenario_map, purpose, part),
+        purpose_key(scenario_map, purpose, part),
         jnp.asarray(hours, jnp.float32),
         jnp.asarray(nodes, jnp.int32),
         futures=futures,
@@ -93,12 +93,7 @@ def make_environment(
 
 
 def sample_futures(
-    scenario: Scenario,
-    scenario_map: ScenarioMap,
-    params: EnvParams,
-    number: int,
-    futures: int,
-    among: int | None = None,
+    scenario: Scenario, scenario_map: ScenarioMap, params: EnvParams, turn: int, futures: int, among: int | None = None
 ) -> Futures:
     """Other futures for a training, to replace as many of an environment.
 
@@ -108,15 +103,20 @@ def sample_futures(
     ----------
     scenario, scenario_map, params
         The problem, its map, and the environment.
-    number
+    turn
         Which renewal it is, counted from 1.
     futures
         How many to draw.
     among
         How many of the environment's futures are renewed in turn, the first ones; by default all.
+
+    Returns
+    -------
+    Futures
+        As many as were asked for.
     """
-    index = _in_turn(params, number * futures, futures, among)
-    crowds, key = _Crowds.of(scenario, scenario_map.flow), _future_key(scenario_map, "learn", number)
+    index = _in_turn(params, turn * futures, futures, among)
+    crowds, key = _Crowds.of(scenario, scenario_map.flow), purpose_key(scenario_map, "learn", turn)
     return _sampled(crowds, params, key, index)
 
 
@@ -133,6 +133,11 @@ def replace_futures(
         Number of the first one that is replaced; after the last of those that are renewed comes number 0.
     among
         How many of the environment's futures are renewed in turn, the first ones; by default all.
+
+    Returns
+    -------
+    EnvParams
+        It shares everything else with the old one.
     """
     index = _in_turn(params, first, futures.destination.shape[0], among)
     # Not in the whole environment: expected costs take gigabytes in large towns, and would be copied.
@@ -155,6 +160,11 @@ def see_counts(
         they saw in it. Forecasts take much longer than all else: leave out slots in which everybody has arrived.
     forecasts
         Whether forecasts are worked out; without, they are zero, for walkers who do not look at them.
+
+    Returns
+    -------
+    EnvParams
+        Its futures have the costs that follow from counts and forecasts.
     """
     return _with_counts(_Crowds.of(scenario, flow), params, slots, forecasts=forecasts)
 
@@ -173,11 +183,6 @@ class _Crowds(eqx.Module):
     @staticmethod
     def of(scenario: Scenario, flow: FlowModel) -> "_Crowds":
         return _Crowds(flow, LAWS[scenario.law], scenario.slots, scenario.flows == "forecast")
-
-
-def _future_key(scenario_map: ScenarioMap, purpose: Purpose, part: int) -> Key[Array, ""]:
-    key = purpose_key(scenario_map, purpose)
-    return jax.random.fold_in(key, part) if part else key
 
 
 def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among: int | None) -> Int[Array, " future"]:

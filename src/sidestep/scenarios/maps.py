@@ -74,6 +74,11 @@ class ScenarioMap(eqx.Module):
 
         Futures for tests are simulated: there are only as many recorded weeks as were counted, and none goes on from
         now.
+
+        Returns
+        -------
+        ScenarioMap
+            Its nodes and segments have the numbers of ``streets``.
         """
         network, parent = streets.network, jnp.asarray(streets.parent)
         flow = self.flow.on_pieces(parent, jnp.asarray(streets.fraction, jnp.float32))
@@ -101,6 +106,11 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
         The problem.
     seed, index
         Of 0 or more. Grids of several sides take them in turn by ``index``.
+
+    Returns
+    -------
+    ScenarioMap
+        Streets, crowds and waits, in one part.
 
     Raises
     ------
@@ -134,6 +144,11 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     scenario, seed, index
         As for :func:`draw_map`.
 
+    Returns
+    -------
+    ScenarioMap
+        One part for each map to learn on.
+
     Raises
     ------
     SidestepError
@@ -163,6 +178,11 @@ _Drawn = tuple[RoadNetwork, np.ndarray, np.ndarray, np.ndarray]
 
 def _key(seed: int, index: int) -> Key[Array, ""]:
     """The random stream of a map.
+
+    Returns
+    -------
+    Key[Array, ""]
+        Another one for every seed and number.
 
     Raises
     ------
@@ -239,6 +259,11 @@ def town_of(streets: str) -> Town:
     streets
         Name of a file, or ``helsinki``.
 
+    Returns
+    -------
+    Town
+        Its crossings and streets.
+
     Raises
     ------
     SidestepError
@@ -310,22 +335,21 @@ def mistakes(venue: Venue) -> list[Fault]:
         except SidestepError as error:
             found.append(Fault(path, str(error) if error.field else f"{'.'.join(path)}: {error}"))
 
-    if (town := attempt(("streets",), town_of, venue.streets)) is None:
-        return found
-    snapper = Snapper(town)
-    if check_crowds(venue, snapper, attempt) is None:
-        return found
-    for light in venue.traffic.lights if venue.traffic else ():
-        attempt(("traffic", "lights", light.name), nearest, snapper, light.place, "lights", light.name)
-    ends = [attempt((name,), crossings, snapper, name, getattr(venue, name)) for name in ("origins", "destinations")]
-    if None not in ends:
-        attempt(("destinations",), check_ways, town.network(), *ends)
+    snapper = attempt(("streets",), lambda: Snapper(town_of(venue.streets)))
+    if snapper and check_crowds(venue, snapper, attempt):
+        for light in venue.traffic.lights if venue.traffic else ():
+            attempt(("traffic", "lights", light.name), nearest, snapper, light.place, "lights", light.name)
+        origins = attempt(("origins",), crossings, snapper, "origins", venue.origins)
+        destinations = attempt(("destinations",), crossings, snapper, "destinations", venue.destinations)
+        if None not in (origins, destinations):
+            attempt(("destinations",), check_ways, snapper.town.network(), origins, destinations)
     return found
 
 
-def purpose_key(scenario_map: ScenarioMap, purpose: Purpose) -> Key[Array, ""]:
-    """The random stream of one purpose on one map."""
-    return jax.random.fold_in(scenario_map.key, PURPOSES.index(purpose))
+def purpose_key(scenario_map: ScenarioMap, purpose: Purpose, part: int = 0) -> Key[Array, ""]:
+    """The random stream of one purpose on one map, or of a part of what serves that purpose."""
+    key = jax.random.fold_in(scenario_map.key, PURPOSES.index(purpose))
+    return jax.random.fold_in(key, part) if part else key
 
 
 def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: datetime) -> tuple[ScenarioMap, int]:

@@ -105,16 +105,16 @@ class Sensor(Spec):
     """Latitude and longitude in degrees; without them it is paired with a street drawn from a seed."""
 
 
+_distinct_names = values.rule(lambda found: len({one.name for one in found}) == len(found), "must have different names")
+
+
 class Counters(Spec):
     """Crowds known from counts at sensors (:class:`sidestep.crowds.sensors.SensorFlow`)."""
 
     kind: Literal["counters"] = "counters"
     file: values.Line = "auckland"
     """The counts that come with the package, or a file of them."""
-    sensors: Annotated[
-        tuple[Sensor, ...],
-        values.rule(lambda found: len({sensor.name for sensor in found}) == len(found), "must have different names"),
-    ] = ()
+    sensors: Annotated[tuple[Sensor, ...], _distinct_names] = ()
     """Those to use; by default all that were counted, without places."""
     pairing: values.Seed = 0
     """Seed that draws a street for each sensor without a place."""
@@ -148,8 +148,8 @@ class Counters(Spec):
     @property
     def attribution(self) -> str:
         """Whose counts they are."""
-        auckland = "Auckland's counts (Heart of the City Auckland, CC BY 4.0)"
-        return auckland if self.file == "auckland" else f"counts of {Path(self.file).name}"
+        known = {"auckland": "Auckland's counts (Heart of the City Auckland, CC BY 4.0)"}
+        return known.get(self.file, f"counts of {Path(self.file).name}")
 
     @property
     def synthetic(self) -> str:
@@ -306,6 +306,11 @@ class Venue(Spec):
         """Hours of the week, 0 is Monday 0:00, spread evenly over those in which people set out.
 
         Minutes are spread by the golden ratio; by that same number each weekday would have minutes of its own.
+
+        Returns
+        -------
+        list[float]
+            Hours for walks number ``first`` and after.
         """
         every = self.every_hour
         return [float(every[int(len(every) * (turn * ROOT_3 % 1))]) for turn in range(first, first + number)]

@@ -1,23 +1,165 @@
-"""Scenarios in files: a place of one's own, said in TOML. docs/scenarios.md lists the fields."""
+"""Scenarios in files: a place of one's own, said in TOML. docs/scenarios.md lists the fields.
+
+A file has the names of the specs of :mod:`sidestep.scenarios.model`. It differs in values: minutes for seconds, names
+of weekdays, dates, tables of sensors and lights by name, lists for tuples, and files looked for from its own folder.
+"""
 
 import os
 import re
 import tomllib
+from collections.abc import ItemsView
+from datetime import date
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from pydantic import ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, field_validator
 
+from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.files import reason
-from sidestep.scenarios.builtin import BUILT_IN, scenario
-from sidestep.scenarios.file_model import ScenarioFile
-from sidestep.scenarios.model import Scenario, read_objective
-from sidestep.scenarios.spec import Fault, ScenarioError, faults
+from sidestep.scenarios import values
+from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, NO_EXTRAS, scenario
+from sidestep.scenarios.model import RewardSpec, Scenario, read_objective
+from sidestep.scenarios.places import Counters, CrowdTable, Light, Sensor, Traffic, Venue
+from sidestep.scenarios.spec import Fault, ScenarioError, faults, shown
 from sidestep.scenarios.toml_lines import line_of
+from sidestep.scenarios.values import DAYS
+from sidestep.walking.speed_laws import Law
 
 LARGEST = 1 << 16  # bytes and
 MOST_LINES = 2_000  # lines of a scenario file; more is no scenario
 _LINE_OF_ERROR = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
+PAIRED = "paired"
+
+
+def _found(built_in: str, name: str, info: Any) -> str:
+    """What comes with the package, or a file that is there, by its whole path."""
+    if name == built_in:
+        return name
+    file = Path(info.context["folder"], name)
+    try:
+        there, folder = file.exists(), file.is_dir()
+    except OSError as error:  # too long a name
+        raise ValueError(f"must be the name of a file, not {shown(name)}") from error
+    if not there or folder:
+        or_built_in = f' or "{built_in}"' if built_in else ""
+        raise ValueError(f"must be a file{or_built_in}, but {file} {'is a folder' if folder else 'does not exist'}")
+    return str(file.resolve())
+
+
+def _seconds(minutes: float) -> float:
+    return 60 * minutes
+
+
+def _both_seconds(minutes: tuple[float, float]) -> tuple[float, float]:
+    return 60 * minutes[0], 60 * minutes[1]
+
+
+def _weekday(value: object) -> int:
+    for number, day in enumerate(DAYS):
+        if isinstance(value, str) and value.strip().lower() in (day.lower(), day[:3].lower()):
+            return number
+    short = ", ".join(day[:3] for day in DAYS)
+    raise ValueError(f"must be weekdays, {short}, or a span such as Mon-Fri, not {shown(value)}")
+
+
+def _weekdays(value: object) -> object:
+    """Numbers of weekdays from names in a list, or from a span such as Fri-Mon."""
+    if isinstance(value, str) and value.count("-") == 1:
+        first, last = map(_weekday, value.split("-"))
+        return tuple(sorted((first + step) % 7 for step in range((last - first) % 7 + 1)))
+    return tuple(sorted(map(_weekday, value if isinstance(value, tuple) else (value,))))
+
+
+def _texts(value: object) -> object:
+    """Dates and times as text."""
+    if not isinstance(value, tuple):
+        return value
+    return tuple(day.isoformat() if isinstance(day, date) else day for day in value)
+
+
+def _by_name(kind: Any, value: object) -> ItemsView[str, Any]:
+    """The items of a table, by default none; mistakes in them are mistakes of these fields."""
+    return TypeAdapter(dict[str, kind]).validate_python({} if value == () else value, strict=True).items()
+
+
+class _TimedLight(Light):
+    name: Literal[""] = ""
+
+
+def _paired(value: object) -> object:
+    if value != PAIRED and not isinstance(value, tuple):
+        dotted = "; a name with a dot in it needs quotes" if isinstance(value, dict) else ""
+        raise ValueError(f'must be [latitude, longitude] or "{PAIRED}", not {shown(value)}{dotted}')
+    return None if value == PAIRED else value
+
+
+def _sensors(table: object) -> tuple[Sensor, ...]:
+    return tuple(Sensor(name=name, place=place) for name, place in _by_name(_SensorPlace, table))
+
+
+def _lights(table: object) -> tuple[Light, ...]:
+    return tuple(Light(**dict(light) | {"name": name}) for name, light in _by_name(_TimedLight, table))
+
+
+_SensorPlace = Annotated[values.Degrees | None, BeforeValidator(_paired)]
+_Period = Annotated[values.Period, BeforeValidator(_texts)]
+
+
+class CountersFile(Counters):
+    """``[place.crowd_source]``, where its kind is ``counters``."""
+
+    file: Annotated[values.Line, AfterValidator(partial(_found, "auckland"))] = "auckland"
+    sensors: Annotated[tuple[Sensor, ...], BeforeValidator(_sensors)] = ()
+    fitted: _Period = TRAIN
+    tested: _Period = TEST
+
+    @field_validator("sensors")
+    @classmethod
+    def _aucklands(cls, sensors: tuple[Sensor, ...], info: Any) -> tuple[Sensor, ...]:
+        return sensors or (AUCKLAND_SENSORS if info.data.get("file") == "auckland" else ())
+
+
+class CrowdTableFile(CrowdTable):
+    """``[place.crowd_source]``, where its kind is ``crowd_table``."""
+
+    file: Annotated[values.Line, AfterValidator(partial(_found, ""))]
+
+
+class TrafficFile(Traffic):
+    """``[place.traffic]``."""
+
+    lights: Annotated[tuple[Light, ...], BeforeValidator(_lights)] = ()
+
+
+def _with_kind(table: object) -> object:
+    return {"kind": "counters"} | table if isinstance(table, dict) else table
+
+
+class VenueFile(Venue):
+    """``[place]``."""
+
+    streets: Annotated[values.Line, AfterValidator(partial(_found, "helsinki"))]
+    crowd_source: Annotated[CountersFile | CrowdTableFile, Field(discriminator="kind"), BeforeValidator(_with_kind)] = (
+        CountersFile()
+    )
+    days: Annotated[values.Days, BeforeValidator(_weekdays)] = Field(tuple(range(7)), validate_default=False)
+    traffic: TrafficFile | None = None
+
+
+class ScenarioFile(Scenario):
+    """A whole file. Fields that it leaves out are as in ``helsinki``, but without its event."""
+
+    name: values.Remark = ""
+    place: VenueFile
+    horizon: Annotated[values.Positive, AfterValidator(_seconds)] = Field(180.0, alias="horizon_minutes")
+    departures: Annotated[values.Range, AfterValidator(_both_seconds)] = Field((0.0, 60.0), alias="departures_minutes")
+    slot_seconds: Annotated[values.Positive, AfterValidator(_seconds)] = Field(5.0, alias="slot_minutes")
+    law: Law = "weidmann"
+    reward: RewardSpec = NO_EXTRAS
+    level: Literal["local", "map", "live"] = "map"
+    maps: values.Count = 1
+    walks: values.Count = 500
 
 
 def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **changes: object) -> Scenario:
@@ -44,18 +186,11 @@ def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **c
         Unknown names and fields, wrong values, files that hold no scenario.
     """
     name = str(name_or_file)
-    in_a_file = name.endswith(".toml") or set(name) & {os.sep, os.altsep} or _exists(Path(name))
+    in_a_file = name.endswith(".toml") or set(name) & {os.sep, os.altsep} or os.path.lexists(Path(name))
     found = load_scenario(name) if name not in BUILT_IN and in_a_file else scenario(name)
     if objective is not None:
         changes["objective"] = read_objective(objective)
     return found.changed(**changes)
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # too long a name, or a null character
-        return False
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -68,6 +203,11 @@ def load_scenario(path: str | Path) -> Scenario:
     ----------
     path
         A TOML file, as docs/scenarios.md describes it.
+
+    Returns
+    -------
+    Scenario
+        What the file says, with the defaults of what it leaves out.
 
     Raises
     ------
@@ -89,21 +229,23 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     path = Path(path)
     text = _text(path)
-    values, folder = _tuples(_parsed(path, text)), path.resolve().parent
+    parsed, folder = _tuples(_parsed(path, text)), path.resolve().parent
     name = folder.name if folder.name and path.name == "scenario.toml" else path.stem
     try:
-        read = ScenarioFile.model_validate(values, context={"folder": folder})
-        from sidestep.scenarios.maps import mistakes  # with JAX, which mistakes in the file itself need not wait for
+        read = ScenarioFile.model_validate(parsed, context={"folder": folder})
+        from sidestep.scenarios.maps import mistakes  # with shapely, which wrong values need not wait for
 
-        if found := mistakes(read.place):
-            raise _refusal(path, text, found)
-        return Scenario.model_validate(read.model_dump() | {"name": read.name or name})
+        if not (found := mistakes(read.place)):
+            return Scenario.model_validate(read.model_dump() | {"name": read.name or name})
     except ValidationError as error:
-        raise _refusal(path, text, faults(error, ScenarioFile)) from error
+        found = faults(error, ScenarioFile)
+    first, *others = sorted((_located(path, text, fault) for fault in found), key=lambda error: error.line or 0)
+    more = f" ({len(others)} more mistake{'s' * (len(others) > 1)} in this file)" if others else ""
+    raise ScenarioError(f"{first}{more}", field=first.field, line=first.line, others=others)
 
 
 def _text(path: Path) -> str:
-    if _exists(path) and path.is_dir():
+    if os.path.lexists(path) and path.is_dir():
         raise ScenarioError(f"{path} is a folder; name the file in it, such as {path / 'scenario.toml'}")
     try:
         with path.open("rb") as file:
@@ -145,14 +287,7 @@ def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-def _refusal(path: Path, text: str, mistakes: list[Fault]) -> ScenarioError:
-    """The first mistake of a file by its line, with the others."""
-    errors = sorted((_located(path, text, fault) for fault in mistakes), key=lambda error: error.line or 0)
-    first, others = errors[0], errors[1:]
-    more = f" ({len(others)} more mistake{'s' * (len(others) > 1)} in this file)" if others else ""
-    return ScenarioError(f"{first}{more}", field=first.field, line=first.line, others=others)
-
-
 def _located(path: Path, text: str, fault: Fault) -> ScenarioError:
+    """A mistake with its file and line."""
     line, sentence = line_of(text, fault.path), " ".join(fault.sentence.split())
     return ScenarioError(f"{path}: line {line}: {sentence}", field=".".join(fault.path), line=line)

@@ -93,6 +93,11 @@ class Spec(BaseModel, metaclass=_Refusing):
             Fields of this spec, or of the specs in it for which no name is needed: of the place of a scenario and the
             crowd source of a place.
 
+        Returns
+        -------
+        Self
+            A new spec.
+
         Raises
         ------
         SpecError
@@ -151,6 +156,11 @@ def faults(error: ValidationError, kind: type[BaseModel]) -> list[Fault]:
         What it raised.
     kind
         The spec.
+
+    Returns
+    -------
+    list[Fault]
+        In the order of the fields.
     """
     return [_fault(found, kind) for found in error.errors(include_url=False)]
 

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import reduce
 from typing import Any
 
@@ -60,6 +61,14 @@ def _statements(text: str) -> Iterator[tuple[int, dict[str, Any]]]:
 
 def _shortest(lines: list[str], start: int) -> tuple[int, dict[str, Any]]:
     """Where a statement ends, and what it gives."""
+    for end in _ends(lines, start):
+        with suppress(ValueError):
+            return end, tomllib.loads("\n".join(lines[start:end]))
+    return len(lines), {}
+
+
+def _ends(lines: list[str], start: int) -> Iterator[int]:
+    """Lines before which a statement may end: first those where all its brackets are closed."""
     opened, unlikely = 0, []
     for end in range(start + 1, len(lines) + 1):
         # Without counting brackets, long lists would be read once for every line of theirs.
@@ -67,19 +76,9 @@ def _shortest(lines: list[str], start: int) -> tuple[int, dict[str, Any]]:
         opened += plain.count("[") - plain.count("]")
         if opened > 0 and end > start + 1:
             unlikely.append(end)
-        elif (values := _read(lines[start:end])) is not None:
-            return end, values
-    for end in unlikely:  # some of them stood in a text of several lines
-        if (values := _read(lines[start:end])) is not None:
-            return end, values
-    return len(lines), {}
-
-
-def _read(lines: list[str]) -> dict[str, Any] | None:
-    try:
-        return tomllib.loads("\n".join(lines))
-    except ValueError:
-        return None
+        else:
+            yield end
+    yield from unlikely  # some brackets may stand in a text of several lines
 
 
 def _named(values: Any) -> list[str]:
