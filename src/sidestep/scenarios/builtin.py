@@ -1,10 +1,8 @@
 """The scenarios that come with Sidestep, by name."""
 
-import difflib
-
 from sidestep.scenarios.model import RewardSpec, Scenario
 from sidestep.scenarios.places import Counters, Grid, RushHours, Sensor, Traffic, Venue
-from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.spec import ScenarioError, hint
 
 NO_EXTRAS = RewardSpec(progress=0.0, bonus=0.0)
 """Nothing but the cost of the walk."""
@@ -118,7 +116,6 @@ def scenario(name: str, **changes: object) -> Scenario:
     'sensors paired with streets by a seed; demand 120 × the counts (an invented event day)'
     """
     if name not in BUILT_IN:
-        close = difflib.get_close_matches(name, BUILT_IN, n=1)
-        hint = f"; did you mean {close[0]}?" if close else f"; there are {', '.join(BUILT_IN)}"
-        raise ScenarioError(f"unknown scenario {name!r}{hint}; or name a file, such as my-town/scenario.toml")
+        meant = hint(name, list(BUILT_IN))
+        raise ScenarioError(f"unknown scenario {name!r}{meant}; or name a file, such as my-town/scenario.toml")
     return BUILT_IN[name].changed(**changes)

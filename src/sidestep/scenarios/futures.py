@@ -205,8 +205,8 @@ def _environment(
 ) -> EnvParams:
     field = crowds.flow.expected(hours, crowds.slots)
     expected = walking_speeds(network, field, crowds.law, densities=densities)
-    as_expected = Futures(expected, *destinations_in_turn(expected.count, hours))
-    params = EnvParams(network, as_expected, expected, level=level, **rest)
+    undisturbed = Futures(expected, *destinations_in_turn(expected.count, hours))
+    params = EnvParams(network, undisturbed, expected, level=level, **rest)
     if level in ("map", "live"):
         nothing = jnp.zeros((len(destinations), network.nodes), bool)
         where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)

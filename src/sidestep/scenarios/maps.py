@@ -129,7 +129,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     match scenario.place:
         case Grid() as grid:
             side = grid.sides[index % len(grid.sides)]
-            return _on_grids(grid, [_draw_grid(grid, side, seed, index)], scenario.slot_seconds, key)
+            return _on_grids(grid, side, [(seed, index)], scenario.slot_seconds, key)
         case Venue() as venue:
             return replace(_venue_map(venue, scenario.slot_seconds, scenario.law), key=key)
 
@@ -163,17 +163,13 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     """
     match scenario.place:
         case Grid(training_maps=number) as grid if number:
-            key = _key(seed, index)
-            drawn = [_draw_grid(grid, grid.side, seed, another, _LEARN) for another in range(number)]
-            return _on_grids(grid, drawn, scenario.slot_seconds, key)
+            seeds = [(seed, another, _LEARN) for another in range(number)]
+            return _on_grids(grid, grid.side, seeds, scenario.slot_seconds, _key(seed, index))
         case _:
             return draw_map(scenario, seed, index)
 
 
 _LEARN = 1  # a third number makes another stream: no map that is compared on has one
-_Drawn = tuple[RoadNetwork, np.ndarray, np.ndarray, np.ndarray]
-"""A grid; and of each segment the persons without waves and noise, and amplitude (in the logarithm of volume) and phase
-(in radians) of its wave."""
 
 
 def _key(seed: int, index: int) -> Key[Array, ""]:
@@ -195,8 +191,17 @@ def _key(seed: int, index: int) -> Key[Array, ""]:
     return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
-def _draw_grid(grid: Grid, side: int, *seed: int) -> _Drawn:
-    """Draw streets, crowds and, where there are rush hours, waves (section V-A of the paper)."""
+def _draw_grid(grid: Grid, side: int, seed: tuple[int, ...]) -> tuple[RoadNetwork, np.ndarray, np.ndarray, np.ndarray]:
+    """Draw streets and crowds (section V-A of the paper).
+
+    Returns
+    -------
+    network
+        The streets.
+    volume, amplitude, phase
+        Of each segment the persons without waves and noise, and its wave in rush hours: the amplitude in the logarithm
+        of volume, the phase in radians.
+    """
     rng = np.random.default_rng(seed)
     network = grid_network(side, rng, grid.lengths)
     tail, head = np.asarray(network.tail), np.asarray(network.head)
@@ -219,9 +224,11 @@ def _crowded_nodes(grid: Grid, nodes: int) -> int:
     return round(grid.crowded_nodes * nodes / grid.nodes)
 
 
-def _on_grids(grid: Grid, drawn: Sequence[_Drawn], slot_seconds: float, key: Key[Array, ""]) -> ScenarioMap:
-    """Several grids as one map without streets between them, and the crowds on it."""
-    networks, *columns = zip(*drawn, strict=True)
+def _on_grids(
+    grid: Grid, side: int, seeds: Sequence[tuple[int, ...]], slot_seconds: float, key: Key[Array, ""]
+) -> ScenarioMap:
+    """A grid drawn from each seed, as one map without streets between them, and the crowds on it."""
+    networks, *columns = zip(*(_draw_grid(grid, side, seed) for seed in seeds), strict=True)
     network, parts = disjoint_union(networks), tuple(each.nodes for each in networks)
     volume, amplitude, phase = (jnp.asarray(np.concatenate(each), jnp.float32) for each in columns)
     flow: FlowModel

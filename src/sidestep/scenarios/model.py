@@ -1,6 +1,6 @@
 """A whole problem as plain values: where people walk, through which crowds, how fast, and what they keep low.
 
-Nothing here is drawn, read or computed: :mod:`sidestep.scenarios.maps` makes streets and crowds of a scenario. How to
+Nothing here is drawn or computed: :mod:`sidestep.scenarios.maps` makes streets and crowds of a scenario. How to
 write one as a file: docs/scenarios.md.
 """
 
@@ -14,7 +14,6 @@ from sidestep.environment.types import Information, RewardWeights
 from sidestep.scenarios import values
 from sidestep.scenarios.places import Grid, Place
 from sidestep.scenarios.spec import ScenarioError, Spec
-from sidestep.scenarios.values import across
 from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.objective import TravelTime, WeightedObjective
 from sidestep.walking.speed_laws import Law
@@ -178,12 +177,12 @@ class Scenario(Spec):
 
     inner: ClassVar[str] = "place"
 
-    _empty_streets = across(
+    _empty_streets = values.across(
         "law",
         lambda law, given: law != "power" or not given["place"].anywhere,
         "must have a speed on the empty streets of a venue, as power-capped and weidmann do",
     )
-    _few_slots = across(
+    _few_slots = values.across(
         "slot_seconds",
         lambda seconds, given: (given["horizon"] + given["departures"][1]) / seconds <= MOST_SLOTS,
         f"must give at most {MOST_SLOTS:,} slots up to the horizon",

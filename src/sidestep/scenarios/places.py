@@ -10,7 +10,6 @@ from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.network.grid import LENGTHS
 from sidestep.scenarios import values
 from sidestep.scenarios.spec import Spec
-from sidestep.scenarios.values import across
 
 MOST_CYCLE, MOST_GAP = 600.0, 20.0  # s
 MOST_IN_GAP = 4  # vehicles; the mean wait grows exponentially with it, and would soon break FIFO
@@ -65,12 +64,12 @@ class Grid(Spec):
     attribution: ClassVar[str] = ""
     synthetic: ClassVar[str] = "streets and crowds drawn from a seed"
 
-    _spare_two = across(
+    _spare_two = values.across(
         "crowded_nodes",
         lambda crowded, grid: crowded <= grid["side"] ** 2 - 2,
         "must leave two nodes of the grid uncrowded",
     )
-    _elsewhere = across(
+    _elsewhere = values.across(
         "larger",
         lambda sides, grid: not sides or grid["training_maps"],
         "must have training_maps to learn on, which have one size",
@@ -134,12 +133,12 @@ class Counters(Spec):
     crowd_model: ClassVar[str] = "sensors"
     demand: ClassVar[str] = "the counts"
 
-    _one_place = across(
+    _one_place = values.across(
         "streets_per_sensor",
         lambda streets, given: streets == 1 or all(sensor.place is None for sensor in given["sensors"]),
         "must be 1 where sensors have places of their own",
     )
-    _not_fitted = across(
+    _not_fitted = values.across(
         "tested",
         lambda tested, given: max(tested[0], given["fitted"][0]) >= min(tested[1], given["fitted"][1]),
         "must not overlap fitted",
@@ -194,7 +193,7 @@ class _Timing(Spec):
     green: values.Positive
     """Seconds of each cycle in which people may walk."""
 
-    _within = across("green", lambda green, given: green <= given["cycle"], "must be at most one cycle")
+    _within = values.across("green", lambda green, given: green <= given["cycle"], "must be at most one cycle")
 
 
 class Light(_Timing):
@@ -206,7 +205,7 @@ class Light(_Timing):
     offset: values.NonNegative
     """Seconds after lights of offset 0 at which it turns green."""
 
-    _before_next = across("offset", lambda offset, given: offset < given["cycle"], "must be less than one cycle")
+    _before_next = values.across("offset", lambda offset, given: offset < given["cycle"], "must be less than one cycle")
 
 
 class Traffic(_Timing):
@@ -227,7 +226,7 @@ class Traffic(_Timing):
     lights: tuple[Light, ...] = ()
     """Those whose timing is known."""
 
-    _gaps = across(
+    _gaps = values.across(
         "vehicles",
         lambda vehicles, given: vehicles * given["critical_gap"] <= MOST_IN_GAP * 3600,
         f"must come to at most {MOST_IN_GAP} in each critical_gap",

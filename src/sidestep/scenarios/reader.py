@@ -23,7 +23,6 @@ from sidestep.scenarios.model import RewardSpec, Scenario, read_objective
 from sidestep.scenarios.places import Counters, CrowdTable, Light, Sensor, Traffic, Venue
 from sidestep.scenarios.spec import Fault, ScenarioError, faults, shown
 from sidestep.scenarios.toml_lines import line_of
-from sidestep.scenarios.values import DAYS
 from sidestep.walking.speed_laws import Law
 
 LARGEST = 1 << 16  # bytes and
@@ -56,10 +55,10 @@ def _both_seconds(minutes: tuple[float, float]) -> tuple[float, float]:
 
 
 def _weekday(value: object) -> int:
-    for number, day in enumerate(DAYS):
+    for number, day in enumerate(values.DAYS):
         if isinstance(value, str) and value.strip().lower() in (day.lower(), day[:3].lower()):
             return number
-    short = ", ".join(day[:3] for day in DAYS)
+    short = ", ".join(day[:3] for day in values.DAYS)
     raise ValueError(f"must be weekdays, {short}, or a span such as Mon-Fri, not {shown(value)}")
 
 

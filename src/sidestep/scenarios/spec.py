@@ -61,8 +61,7 @@ class _Refusing(ModelMetaclass):
             return super().__call__(*args, **values)
         except ValidationError as error:
             found = faults(error, cls)  # type: ignore[arg-type]
-            kind: type[SpecError] = cls.refusal  # type: ignore[attr-defined]
-            first, *others = (kind(said, field=".".join(path) or None) for path, said in found)
+            first, *others = (cls.refusal(said, field=".".join(path) or None) for path, said in found)  # type: ignore[attr-defined]
             first.others = tuple(others)
             raise first from None
 
@@ -110,7 +109,7 @@ class Spec(BaseModel, metaclass=_Refusing):
         known = list(_changeable(changed))
         for name in changes:
             if name not in known:
-                raise self.refusal(f"{self.called} has no field {name}{_meant(name, known)}", field=name)
+                raise self.refusal(f"{self.called} has no field {name}{hint(name, known)}", field=name)
         return changed.changed(**{self.inner: getattr(changed, self.inner).changed(**changes)})
 
 
@@ -170,7 +169,7 @@ def _fault(found: Any, kind: type[BaseModel]) -> Fault:
     if sort == "extra_forbidden":
         path, kinds = _walk(kind, place[:-1])
         path, known = (*path, str(place[-1])), [field.alias or name for name, field in _fields(kinds)]
-        return Fault(path, f"{'.'.join(path)} is unknown{_meant(path[-1], known)}")
+        return Fault(path, f"{'.'.join(path)} is unknown{hint(path[-1], known)}")
     path, _ = _walk(kind, (*place, "kind") if sort.startswith("union_tag") else place)
     if sort == "missing" and isinstance(place[-1], int):
         sort = "too_short"
@@ -206,7 +205,8 @@ def _specs_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _specs_in(part)
 
 
-def _meant(name: str, known: list[str]) -> str:
+def hint(name: str, known: list[str]) -> str:
+    """What may have been meant by a name that is not known, for the end of a sentence."""
     if close := difflib.get_close_matches(name.lower(), known, n=1):
         return f"; did you mean {close[0]}?"
     return f"; there are {', '.join(known)}" if len(known) <= MOST_LISTED else ""
