@@ -240,7 +240,9 @@ def load_scenario(path: str | Path) -> Scenario:
         found = faults(error, ScenarioFile)
     first, *others = sorted((_located(path, text, fault) for fault in found), key=lambda error: error.line or 0)
     more = f" ({len(others)} more mistake{'s' * (len(others) > 1)} in this file)" if others else ""
-    raise ScenarioError(f"{first}{more}", field=first.field, line=first.line, others=others)
+    refusal = ScenarioError(f"{first}{more}", field=first.field, line=first.line)
+    refusal.others = tuple(others)
+    raise refusal
 
 
 def _text(path: Path) -> str:

@@ -1,7 +1,7 @@
 """What all specs have in common: strict, frozen, and refused with one sentence where they are wrong."""
 
 import difflib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -18,23 +18,11 @@ else:
 class SpecError(SidestepError):
     """Values of a spec that are missing, unknown or wrong.
 
-    Parameters
-    ----------
-    message
-        The sentence.
-    field
-        The field at fault, as a dotted path.
-    line
-        Its line in the scenario file, counted from 1.
-    others
-        Further mistakes that were found with this one, in the order of their lines.
+    ``field`` is the field at fault, as a dotted path, and ``line`` its line in the scenario file, counted from 1.
     """
 
-    def __init__(
-        self, message: str, *, field: str | None = None, line: int | None = None, others: Sequence["SpecError"] = ()
-    ) -> None:
-        super().__init__(message, field=field, line=line)
-        self.others = tuple(others)
+    others: tuple["SpecError", ...] = ()
+    """Further mistakes that were found with this one, in the order of their lines."""
 
 
 class ScenarioError(SpecError):
