@@ -4,7 +4,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import reduce
+from functools import lru_cache
 from typing import Any
 
 _NOT_PLAIN = re.compile(r""""(?:\\.|[^"\\])*"|'[^']*'|#.*""")  # texts and comments
@@ -25,38 +25,45 @@ def line_of(text: str, keys: tuple[str, ...]) -> int:
     int
         1 where none of the tables is there either.
     """
-    line, _ = max(_statements(text), key=lambda statement: _depth(statement[1], keys))
+    line, *_ = max(_statements(text), key=lambda statement: _depth(statement[1], statement[2], keys))
     return line
 
 
-def _depth(values: object, keys: tuple[str, ...]) -> int:
-    """How many of the keys lead on to something in some values."""
+def _depth(header: list[str], values: object, keys: tuple[str, ...]) -> int:
+    """How many of the keys lead on to something in the values of a statement, which stands under a header."""
     for depth, key in enumerate(keys):
-        if not isinstance(values, dict) or key not in values:
+        if depth < len(header):
+            if key != header[depth]:
+                return depth
+        elif isinstance(values, dict) and key in values:
+            values = values[key]
+        else:
             return depth
-        values = values[key]
     return len(keys)
 
 
-def _statements(text: str) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Each statement's line, and what it gives within the table that it stands under.
+@lru_cache(maxsize=1)  # a document may have many mistakes
+def _statements(text: str) -> list[tuple[int, list[str], dict[str, Any]]]:
+    """Each statement's line, the name of the table that it stands under, and what it gives.
 
     A statement is the fewest lines that can be read by themselves, so whatever TOML allows is understood: dotted and
     quoted keys, tables in braces, values over several lines.
 
-    Yields
-    ------
-    tuple[int, dict[str, Any]]
-        The first lines of a document first.
+    Returns
+    -------
+    list[tuple[int, list[str], dict[str, Any]]]
+        From the top of the document to its end.
     """
     lines, start = text.replace("\r\n", "\n").split("\n"), 0
     header: list[str] = []
+    found = []
     while start < len(lines):
         end, values = _shortest(lines, start)
         if lines[start].lstrip().startswith("["):
             header, values = _named(values), {}
-        yield start + 1, reduce(lambda inner, key: {key: inner}, reversed(header), values)
+        found.append((start + 1, header, values))
         start = end
+    return found
 
 
 def _shortest(lines: list[str], start: int) -> tuple[int, dict[str, Any]]:
