@@ -20,7 +20,7 @@ def rush(
 ) -> RushFlow:
     """Waves of four slots."""
     every = jnp.ones(len(base))
-    return RushFlow(jnp.array(base, float), amplitude * every, phase * every, 4 * SLOT, phi, sigma, SLOT)
+    return RushFlow(phi, sigma, SLOT, jnp.array(base, float), amplitude * every, phase * every, 4 * SLOT)
 
 
 @partial(jax.jit, static_argnames=("slots", "futures"))
@@ -42,12 +42,12 @@ def ahead(flow: RushFlow | ShiftingFlow, now: jax.Array, slot: int, slots: int) 
 
 @partial(jax.jit, static_argnames="slots")
 def median(flow: RushFlow, slots: int) -> jax.Array:
-    return flow.median(jnp.arange(slots))
+    return flow.median(jnp.float32(0), jnp.arange(slots))
 
 
 @jax.jit
 def draw_noise(flow: RushFlow, key: jax.Array) -> jax.Array:
-    return flow.noise(key, MANY, 5)
+    return flow.noise(key, MANY, 5, flow.base.shape[0])
 
 
 def near(found: np.ndarray, expected: float | np.ndarray, error: float | np.ndarray) -> None:

@@ -30,7 +30,7 @@ def ahead(flow: TableFlow, now: jax.Array, hour: float, slot: int, slots: int) -
 
 
 def test_without_noise_or_times_crowds_are_the_table() -> None:
-    flow = TableFlow(VOLUME, 300.0, 0.9, 0.0, 300.0)
+    flow = TableFlow(0.9, 0.0, 300.0, VOLUME, 300.0)
     # the last slot holds
     rows = [[1, 0], [2, 0], [3, 10], [3, 10]]
     assert expected(flow, [0.0, 0.0], 4).tolist() == [rows]  # a single field: hours mean nothing
@@ -42,12 +42,12 @@ def test_without_noise_or_times_crowds_are_the_table() -> None:
 
 
 def test_longer_rows_hold_for_several_slots() -> None:
-    flow = TableFlow(VOLUME, 600.0, 0.9, 0.0, 300.0)
+    flow = TableFlow(0.9, 0.0, 300.0, VOLUME, 600.0)
     assert expected(flow, [0.0], 6)[0, :, 0].tolist() == [1, 1, 2, 2, 3, 3]
 
 
 def test_the_noise_is_lasting() -> None:
-    flow = TableFlow(jnp.array([[100.0, 0.0]]), 300.0, 0.5, 0.4, 300.0)
+    flow = TableFlow(0.5, 0.4, 300.0, jnp.array([[100.0, 0.0]]), 300.0)
     drawn = np.asarray(draw(flow, jnp.zeros(20_000), 2))
     assert (drawn[..., 1] == 0).all()
     logs = np.log(drawn[..., 0] / 100)
@@ -62,7 +62,7 @@ def test_the_noise_is_lasting() -> None:
 
 def test_whole_days_repeat_and_begin_by_the_clock() -> None:
     # 24 hours from Saturday noon on: row number is hours since noon
-    flow = TableFlow(jnp.arange(24.0)[:, None], 3600.0, 0.9, 0.0, 3600.0, 132.0)
+    flow = TableFlow(0.9, 0.0, 3600.0, jnp.arange(24.0)[:, None], 3600.0, 132.0)
     hours = [132.0, 10.0, 35.5]
     assert flow.repeats
     # Saturday 12:00; Monday 10:00, 22 hours after noon; Tuesday 11:30, whose first slot has its middle at 12:00
@@ -77,19 +77,19 @@ def test_whole_days_repeat_and_begin_by_the_clock() -> None:
 
 def test_other_spans_hold_their_ends() -> None:
     # Saturday 12:00 to 15:00
-    flow = TableFlow(VOLUME, 3600.0, 0.9, 0.0, 3600.0, 132.0)
+    flow = TableFlow(0.9, 0.0, 3600.0, VOLUME, 3600.0, 132.0)
     assert expected(flow, [132.0, 131.0, 134.0], 3)[..., 0].tolist() == [[1, 2, 3], [1, 1, 2], [3, 3, 3]]
     assert [flow.covers(hour) for hour in (131.9, 132.0, 134.9, 135.0)] == [False, True, True, False]
     assert flow.coverage == "3 hours from Saturday 12:00 on"
 
 
 def test_pieces_of_a_segment_are_as_dense_as_the_whole() -> None:
-    flow = TableFlow(VOLUME, 300.0, 0.9, 0.0, 300.0).on_pieces(jnp.array([1, 0, 1]), jnp.array([0.25, 1.0, 0.75]))
+    flow = TableFlow(0.9, 0.0, 300.0, VOLUME, 300.0).on_pieces(jnp.array([1, 0, 1]), jnp.array([0.25, 1.0, 0.75]))
     assert flow.volume.tolist() == [[0, 1, 0], [0, 2, 0], [2.5, 3, 7.5]]
 
 
 def test_a_table_does_not_go_on_from_counts() -> None:
     latest = LatestCounts(np.ones(2), np.datetime64("2025-05-24T12", "h"), 0.0)
     with pytest.raises(CountsError) as caught:
-        TableFlow(VOLUME, 300.0, 0.9, 0.0, 300.0).going_on_from(latest)
+        TableFlow(0.9, 0.0, 300.0, VOLUME, 300.0).going_on_from(latest)
     assert caught.value.field == "live"

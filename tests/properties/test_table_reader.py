@@ -99,7 +99,7 @@ AHEAD = jax.jit(TableFlow.ahead, static_argnums=4)
     seed=st.integers(0, 9),
 )
 def test_crowds_without_noise_are_the_table(volume: np.ndarray, seed: int) -> None:
-    flow, slots = TableFlow(jnp.asarray(volume), 300.0, 0.9, 0.0, 300.0), len(volume)
+    flow, slots = TableFlow(0.9, 0.0, 300.0, jnp.asarray(volume), 300.0), len(volume)
     drawn = np.asarray(flow.draw(jax.random.key(seed), jnp.zeros(2), slots).volume)
     np.testing.assert_array_equal(drawn, np.stack([volume, volume]))
     np.testing.assert_array_equal(flow.expected(jnp.zeros(1), slots).volume[0], volume)

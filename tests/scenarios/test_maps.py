@@ -173,7 +173,8 @@ def test_shifting_crowds_are_elsewhere_in_every_future() -> None:
     # Nobody's streets are crowded in ordinary: nobody can know where they will be.
     assert float(scenario_map.flow.ordinary.base.max()) <= 1000
     drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(4), 1).volume)[:, 0]
-    wave = np.asarray(scenario_map.flow.ordinary.median(jnp.array([0]))[0] / scenario_map.flow.ordinary.base)
+    ordinary = scenario_map.flow.ordinary
+    wave = np.asarray(ordinary.median(jnp.float32(0), jnp.array([0]))[0] / ordinary.base)
     # exp(.4 * 2) = 2.2 times 1,000 is little for a crowded street
     full = drawn / wave > 2300
     tail, head = np.asarray(scenario_map.network.tail), np.asarray(scenario_map.network.head)

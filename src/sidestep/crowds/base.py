@@ -14,6 +14,13 @@ from sidestep.network.graph import RoadNetwork
 
 SLOT_SECONDS = 300.0
 
+Scalar = Float[Array, ""]
+Index = Int[Array, ""]
+Slots = Int[Array, " slots"]
+Counts = Float[Array, " counter"]
+Pieces = Int[Array, " piece"]
+Fractions = Float[Array, " piece"]
+
 
 class FlowField(eqx.Module):
     """Volumes in each slot on each segment; leading axes, if any, count futures."""
@@ -113,24 +120,31 @@ class FlowModel(eqx.Module):
         """Possible futures, one for each hour."""
 
     @abstractmethod
-    def ahead(
-        self, now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
-    ) -> Float[Array, "slots counter"]:
+    def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:
         """Mean counts in slot number ``slot`` and those after it, given the counts ``now`` in this slot."""
 
-    def on_pieces(
-        self,
-        parent: Int[Array, " piece"],  # noqa: ARG002 - for models of streets that are split
-        fraction: Float[Array, " piece"],  # noqa: ARG002
-    ) -> "FlowModel":
+    def on_pieces(self, parent: Pieces, fraction: Fractions) -> "FlowModel":  # noqa: ARG002 - for streets that are split
         """Crowds as dense on pieces of the segments, each a ``fraction`` of the length of its ``parent``.
 
-        Streets of grids are never split: their models return themselves.
+        Parameters
+        ----------
+        parent, fraction
+            Number of the segment that each piece is of, and its share of the length.
+
+        Returns
+        -------
+        pieces
+            Crowds on the pieces. Streets of grids are never split: their models return themselves.
         """
         return self
 
     def going_on_from(self, latest: LatestCounts) -> "FlowModel":  # noqa: ARG002 - for models of sensors
         """Crowds that go on from the latest counts of all sensors.
+
+        Returns
+        -------
+        flow
+            The same model, on the condition of these counts.
 
         Raises
         ------

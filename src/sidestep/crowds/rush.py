@@ -1,4 +1,7 @@
-"""Synthetic crowds that come and go within hours: every street has its own rush hours, and noise that lasts."""
+"""Crowds with noise that lasts, and synthetic ones that come and go within hours: every street has its rush hours."""
+
+from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -6,14 +9,77 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.crowds.arima import stationary_ar1
-from sidestep.crowds.base import FlowField, FlowModel
+from sidestep.crowds.base import Counts, FlowField, FlowModel, Index, Scalar, Slots
+
+FEWEST = 1e-6  # persons; fewer count as nobody where logarithms are taken
 
 
-class RushFlow(FlowModel):
-    """Volume = base · exp(amplitude · sin(2πt/period + phase)) · exp(noise).
+class NoisyFlow(FlowModel):
+    """Volume = median · exp(noise); the noise of each segment is a stationary AR(1), independent of all others."""
 
-    The noise of each segment is a stationary AR(1), independent of all others.
-    """
+    phi: float = eqx.field(static=True)
+    """Coefficient of the noise from slot to slot, 0 to below 1."""
+    sigma: float = eqx.field(static=True)
+    """Standard deviation of the noise in every slot; at 0, crowds come exactly at their medians."""
+    slot_seconds: float = eqx.field(static=True)
+    """Length of a slot."""
+    floor: ClassVar[float] = 0.0
+    """Persons that are always there."""
+
+    @abstractmethod
+    def median(self, hour: Scalar, slot: Slots) -> Float[Array, "slots segment"]:
+        """Median volumes in some slots after clock 0, at which it is this ``hour`` of the week."""
+
+    def expected(self, hours: Float[Array, " hour"], slots: int) -> FlowField:
+        """Mean volumes, for each of the hours."""
+        return self._field(self._medians(hours if self.timed else hours[:1], slots) * jnp.exp(self.sigma**2 / 2))
+
+    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
+        """Possible futures; the noise is stationary from the first slot on."""
+        return self.with_noise(key, self._medians(hours, slots))
+
+    def with_noise(self, key: Key[Array, ""], median: Float[Array, "future slot segment"]) -> FlowField:
+        """Crowds with these medians."""
+        return self._field(median * jnp.exp(self.noise(key, *median.shape)) if self.sigma else median)
+
+    def noise(self, key: Key[Array, ""], *shape: int) -> Float[Array, "future slot segment"]:
+        """The noise of as many futures, slots and segments, in logarithms of the volume."""
+        futures, slots, segments = shape
+        innovations = jax.random.normal(key, (slots, futures, segments)) * self.sigma
+        return stationary_ar1(self.phi, innovations[0], innovations[1:])
+
+    def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:
+        """Mean volumes in this and the next slots, given those in this one.
+
+        Where nobody is expected now, the counts tell nothing about the noise.
+
+        Parameters
+        ----------
+        now
+            Persons in this slot.
+        hour, slot, slots
+            Hour of the week at clock 0, the number of this slot, and how many to forecast.
+
+        Returns
+        -------
+        volume
+            Persons.
+        """
+        median = self.median(hour, slot + jnp.arange(slots))
+        log_density_ratio = jnp.log(jnp.maximum(now, FEWEST)) - jnp.log(jnp.maximum(median[0], FEWEST))
+        fading = jnp.where(median[0] > FEWEST, self.phi ** jnp.arange(slots, dtype=float)[:, None], 0.0)
+        half_variance = self.sigma**2 * (1 - fading**2) / 2
+        return jnp.maximum(median * jnp.exp(fading * log_density_ratio + half_variance), self.floor)
+
+    def _medians(self, hours: Float[Array, " hour"], slots: int) -> Float[Array, "hour slots segment"]:
+        return jax.vmap(self.median, (0, None))(hours, jnp.arange(slots))
+
+    def _field(self, volume: Float[Array, "*future slot segment"]) -> FlowField:
+        return FlowField(jnp.maximum(volume, self.floor), self.slot_seconds)
+
+
+class RushFlow(NoisyFlow):
+    """Median volume = base · exp(amplitude · sin(2πt/period + phase))."""
 
     base: Float[Array, " segment"]
     """Persons, without waves or noise."""
@@ -23,70 +89,12 @@ class RushFlow(FlowModel):
     """Of the wave at clock 0, radians."""
     period: float = eqx.field(static=True)
     """Of the wave, seconds."""
-    phi: float = eqx.field(static=True)
-    """Coefficient of the noise from slot to slot, 0 to below 1."""
-    sigma: float = eqx.field(static=True)
-    """Standard deviation of the noise in every slot."""
-    slot_seconds: float = eqx.field(static=True)
-    """Length of a slot."""
-    floor: float = eqx.field(static=True, default=1.0)
+    floor: ClassVar[float] = 1.0
     """Persons that are always there: the power law gives zero time to a segment without people."""
 
-    def expected(self, _hours: Float[Array, " hour"], slots: int) -> FlowField:
-        """Mean volumes."""
-        return self._field((self.median(jnp.arange(slots)) * jnp.exp(self.sigma**2 / 2))[None])
-
-    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
-        """Possible futures; the noise is stationary from the first slot on."""
-        return self._field(self.median(jnp.arange(slots)) * jnp.exp(self.noise(key, hours.shape[0], slots)))
-
-    def ahead(
-        self, now: Float[Array, " segment"], _hour: Float[Array, ""], slot: Int[Array, ""], slots: int
-    ) -> Float[Array, "slots segment"]:
-        """Mean volumes in this and the next slots, given those in this one."""
-        after = slot + jnp.arange(slots)
-        log_density_ratio = jnp.log(now) - jnp.log(self.median(slot[None])[0])
-        fading = self.phi ** jnp.arange(slots, dtype=float)[:, None]
-        half_variance = self.sigma**2 * (1 - fading**2) / 2
-        return jnp.maximum(self.median(after) * jnp.exp(fading * log_density_ratio + half_variance), self.floor)
-
-    def median(self, slot: Int[Array, " slots"]) -> Float[Array, "slots segment"]:
-        """Median volumes in some slots."""
+    def median(self, _hour: Scalar, slot: Slots) -> Float[Array, "slots segment"]:
         turn = 2 * jnp.pi * slot[:, None] * self.slot_seconds / self.period
         return self.base * jnp.exp(self.amplitude * jnp.sin(turn + self.phase))
-
-    def noise(self, key: Key[Array, ""], futures: int, slots: int) -> Float[Array, "future slot segment"]:
-        """The noise of some futures."""
-        return lasting_noise(key, (futures, slots, self.base.shape[0]), self.phi, self.sigma)
-
-    def _field(self, volume: Float[Array, "*future slot segment"]) -> FlowField:
-        return FlowField(jnp.maximum(volume, self.floor), self.slot_seconds)
-
-
-def lasting_noise(
-    key: Key[Array, ""], shape: tuple[int, int, int], phi: float, sigma: float
-) -> Float[Array, "future slot segment"]:
-    """Draw a stationary AR(1) over the slots for every future and segment, independent of all others.
-
-    Parameters
-    ----------
-    key
-        Of the random numbers.
-    shape
-        Numbers of futures, slots and segments.
-    phi
-        Coefficient from slot to slot, 0 to below 1.
-    sigma
-        Standard deviation in every slot.
-
-    Returns
-    -------
-    noise
-        In logarithms of the volume.
-    """
-    futures, slots, segments = shape
-    innovations = jax.random.normal(key, (slots, futures, segments)) * sigma
-    return stationary_ar1(phi, innovations[0], innovations[1:])
 
 
 class ShiftingFlow(FlowModel):
@@ -123,15 +131,12 @@ class ShiftingFlow(FlowModel):
         crowded = jnp.argsort(jnp.argsort(lot, axis=1), axis=1) < self.crowded_nodes
         volume = self.mean + self.spread * jax.random.normal(for_volumes, (futures, self.ends.shape[0]))
         base = jnp.where(crowded[:, self.ends].any(axis=-1), jnp.maximum(volume, 1.0), self.ordinary.base)
-        median = jax.vmap(lambda one: self._based(one).median(jnp.arange(slots)))(base)
-        field = median * jnp.exp(self.ordinary.noise(for_noise, futures, slots))
-        return FlowField(jnp.maximum(field, self.ordinary.floor), self.ordinary.slot_seconds)
+        median = jax.vmap(lambda one, hour: self._based(one).median(hour, jnp.arange(slots)))(base, hours)
+        return self.ordinary.with_noise(for_noise, median)
 
-    def ahead(
-        self, now: Float[Array, " segment"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
-    ) -> Float[Array, "slots segment"]:
+    def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:
         """Mean volumes from this slot on; a segment counts as crowded if its volume is nearer to the crowded one."""
-        wave = self.ordinary.median(slot[None])[0] / self.ordinary.base
+        wave = self.ordinary.median(hour, slot[None])[0] / self.ordinary.base
         level = jnp.log(now / wave)
         nearer = jnp.abs(level - jnp.log(self.mean)) < jnp.abs(level - jnp.log(self.ordinary.base))
         return self._based(jnp.where(nearer, self.mean, self.ordinary.base)).ahead(now, hour, slot, slots)

@@ -196,7 +196,7 @@ def _tabled(
     volume[:, table.segment], _ = _volumes(table, network, law)
     begins = None if table.begins is None else time_of_week(table.begins)
     expected = jnp.asarray(venue.crowding * volume, jnp.float32)
-    flow = TableFlow(expected, table.slot_seconds, *noise, slot_seconds, begins)
+    flow = TableFlow(*noise, slot_seconds, expected, table.slot_seconds, begins)
     for hour in venue.every_hour:
         if not flow.covers(hour) and table.begins is not None:
             raise ScenarioError(

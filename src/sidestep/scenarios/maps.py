@@ -235,7 +235,7 @@ def _on_grids(
     if (rush := grid.rush) is None:
         flow = ArimaFlow(volume, change_step(load_fitted(), slot_seconds))
     else:
-        flow = RushFlow(volume, amplitude, phase, rush.period, rush.phi, rush.sigma, slot_seconds)
+        flow = RushFlow(rush.phi, rush.sigma, slot_seconds, volume, amplitude, phase, rush.period)
         if rush.shifting:
             first = np.cumsum((0, *parts))
             spared = np.isin(np.arange(network.nodes), (first[:-1], first[1:] - 1))
