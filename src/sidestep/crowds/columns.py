@@ -12,7 +12,7 @@ import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,9 @@ from sidestep.files import reason
 
 MOST_ROWS = 20_000_000  # more would not fit into memory as text
 MOST_BYTES = 2**31
+
+Numbers = Float[np.ndarray, " row"]
+WholeNumbers = Int[np.ndarray, " row"]
 
 _WHOLE = re.compile(r"[-+]?[0-9]{1,19}")
 _DIGITS = 18  # that a whole number may have
@@ -47,14 +50,6 @@ class Columns:
     line: str = "line"
     """The word for an entry of ``lines``."""
 
-    def __contains__(self, column: str) -> bool:
-        return column in self.cells
-
-    @property
-    def rows(self) -> int:
-        """Number of rows below the header."""
-        return len(self.lines)
-
     def refuse(self, row: int, column: str | None, problem: str) -> SidestepError:
         """An error about a row, or about its cell in one column."""
         cell = "" if column is None else f", column {_quoted(column)}"
@@ -67,33 +62,30 @@ class Columns:
             row = int(np.argmax(wrong))
             raise self.refuse(row, column, f"{_quoted(self.cells[column][row])} {problem}")
 
-    def whole_numbers(self, column: str) -> Int[np.ndarray, " row"]:
+    def whole_numbers(self, column: str) -> WholeNumbers:
         """A column of whole numbers."""
-        return np.array(self._parsed(column, cache(_whole)), np.int64)
+        return self._parsed(column, cache(_whole), np.int64)
 
-    def numbers(
-        self, column: str, largest: float, unit: str, *, empty: float | None = None
-    ) -> Float[np.ndarray, " row"]:
+    def numbers(self, column: str, largest: float, unit: str, *, empty: float | None = None) -> Numbers:
         """A column of numbers from 0 to ``largest``; ``empty`` is the value of empty cells, where they are allowed."""
-        values = np.array(self._parsed(column, _number, empty), np.float64)
+        values = self._parsed(column, partial(_number, empty=empty), np.float64)
         self.refuse_any(column, values < 0, "is negative")
         self.refuse_any(column, values > largest, f"is more than {largest:g} {unit}")
         return values
 
-    def times(self, column: str) -> Int[np.ndarray, " row"]:
+    def times(self, column: str) -> WholeNumbers:
         """A column of local wall times without an offset, in whole seconds since 1970."""
-        return np.array(self._parsed(column, cache(_seconds)), np.int64)
+        return self._parsed(column, cache(_seconds), np.int64)
 
-    def _parsed(self, column: str, parse: Callable[[Any], Any], empty: float | None = None) -> list[Any]:
+    def _parsed(self, column: str, parse: Callable[[Any], Any], dtype: type[np.generic]) -> np.ndarray:
         """Every cell of a column parsed; a ``ValueError`` of ``parse`` becomes the sentence about the cell."""
-        row = 0
-        found = []
-        try:
-            for row, cell in enumerate(self.cells[column]):  # noqa: B007 - the number is needed when it fails
-                found.append(empty if empty is not None and cell == "" else parse(cell))
-        except (ValueError, TypeError) as error:
-            raise self.refuse(row, column, str(error)) from error
-        return found
+        values = np.empty(len(self.lines), dtype)
+        for row, cell in enumerate(self.cells[column]):
+            try:
+                values[row] = parse(cell)
+            except (ValueError, TypeError) as error:
+                raise self.refuse(row, column, str(error)) from error
+        return values
 
 
 def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False) -> Columns:
@@ -126,27 +118,21 @@ def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False)
     if "\0" in text:
         raise error(f"{path}: not a text file: it contains null characters")
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    names: list[str] = []
-    rows, lines = [], []
+    rows = filter(any, ([cell.strip() for cell in cells] for cells in reader))
+    kept, lines = [], []
     try:
-        for cells in reader:
-            stripped = [cell.strip() for cell in cells]
-            if not any(stripped):
-                continue
-            if not names:
-                names = _names(path, stripped, error, fold_case=fold_case, line=reader.line_num)
-                continue
+        names = _names(path, next(rows, []), error, fold_case=fold_case, line=reader.line_num)
+        for cells in rows:
             if len(cells) != len(names):
                 said = f"{len(cells)} cells, the header has {len(names)}"
                 raise error(f"{path}: line {reader.line_num} has {said}", line=reader.line_num)
-            rows.append(stripped)
+            kept.append(cells)
             lines.append(reader.line_num)
     except csv.Error as found:
         line = reader.line_num
         raise error(f"{path}: line {line}: not comma-separated values: {found}", line=line) from found
-    _check_rows(path, len(rows), error)
-    columns = map(list, zip(*rows, strict=True))
-    return Columns(str(path), dict(zip(names, columns, strict=True)), lines, error)
+    _check_rows(path, len(kept), error)
+    return Columns(str(path), dict(zip(names, map(list, zip(*kept, strict=True)), strict=True)), lines, error)
 
 
 def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
@@ -162,9 +148,8 @@ def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
         names = _names(path, file.schema_arrow.names, error, fold_case=True)
         _check_rows(path, file.metadata.num_rows, error)
         table = file.read()
-        cells = {
-            name: list(map(_stripped, column.to_pylist())) for name, column in zip(names, table.columns, strict=True)
-        }
+        columns = (list(map(_stripped, column.to_pylist())) for column in table.columns)
+        cells = dict(zip(names, columns, strict=True))
     except SidestepError:
         raise
     except (pa.ArrowException, OSError, LookupError, TypeError, ValueError, ArithmeticError, MemoryError) as found:
@@ -175,8 +160,7 @@ def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
 
 def typical_step(ascending: Int[np.ndarray, " time"]) -> int:
     """The median difference of two or more ascending whole numbers, the lower one of two: gaps hardly change it."""
-    steps = np.sort(np.diff(ascending))
-    return int(steps[(len(steps) - 1) // 2])
+    return int(np.quantile(np.diff(ascending), 0.5, method="lower"))
 
 
 def _content(path: Path, error: type[SidestepError]) -> bytes:
@@ -229,7 +213,9 @@ def _whole(cell: Any) -> int:
     return number
 
 
-def _number(cell: Any) -> float:
+def _number(cell: Any, empty: float | None) -> float:
+    if cell == "" and empty is not None:
+        return empty
     try:
         value = math.nan if isinstance(cell, bool) else float(cell)
     except (ValueError, TypeError, OverflowError):

@@ -1,11 +1,11 @@
 """Tables of crowds on whole streets: so many people, so fast or so dense on each segment in each slot."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import BinaryIO, Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float32, Int32
@@ -15,11 +15,10 @@ from sidestep.files import check_unpacked, reading, whole_file
 from sidestep.network.town import Town
 
 FORMAT = 1  # of the files; counts up when what they hold changes
-SUFFIX = ".npz"
 
 Quantity = Literal["volume", "speed", "density"]
-QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 LARGEST = {"volume": (1e6, "persons"), "speed": (13.0, "m/s"), "density": (20.0, "persons/m²")}
+"""Largest value of each quantity, and its unit."""
 MOST_CELLS = 2**27  # segments x slots; half a GiB
 
 _STORED = ("quantity", "segment", "value", "slot_seconds", "begins", "segments", "streets")
@@ -85,17 +84,12 @@ class CrowdTable:
         TableError
             Another number of segments, or another list of streets.
         """
-        segments = len(town.street_of_segment()[0])
+        segments, again = len(town.street_of_segment()[0]), "import the table again with this town"
         if segments != self.segments:
-            raise TableError(
-                f"{self.source}: made for a town of {self.segments} segments, but this one has {segments}; "
-                "import the table again with this town",
-                field="segments",
-            )
+            towns = f"a town of {self.segments} segments, but this one has {segments}"
+            raise TableError(f"{self.source}: made for {towns}; {again}", field="segments")
         if street_hash(town) != self.streets:
-            raise TableError(
-                f"{self.source}: made for other streets; import the table again with this town", field="streets"
-            )
+            raise TableError(f"{self.source}: made for other streets; {again}", field="streets")
 
 
 def street_hash(town: Town) -> str:
@@ -124,20 +118,30 @@ def save_crowd_table(table: CrowdTable, path: str | Path) -> None:
 
 
 def check_suffix(path: Path) -> Path:
-    """The path of a table to be saved, if its name has the right ending.
+    """Make sure that the name of a table to be saved has the right ending.
+
+    Returns
+    -------
+    path
+        The same path.
 
     Raises
     ------
     TableError
         A name that does not end in .npz.
     """
-    if path.suffix.lower() != SUFFIX:
-        raise TableError(f"{path}: crowds are written as {SUFFIX}; give a name that ends so", field="out")
+    if path.suffix.lower() != ".npz":
+        raise TableError(f"{path}: crowds are written as .npz; give a name that ends so", field="out")
     return path
 
 
 def load_crowd_table(path: str | Path) -> CrowdTable:
     """Read a table that `save_crowd_table` wrote.
+
+    Returns
+    -------
+    table
+        As it was saved; of the import, only its results.
 
     Raises
     ------
@@ -146,53 +150,44 @@ def load_crowd_table(path: str | Path) -> CrowdTable:
     """
     path = Path(path)
     with reading(path, TableError, "crowds") as file:
-        return _read_npz(file, str(path))
-
-
-def _read_npz(file: BinaryIO, source: str) -> CrowdTable:
-    check_unpacked(file, TableError)
-    with np.load(file, allow_pickle=False) as packed:
-        stored = dict(packed)
-    _check_stored(stored)
-    begins = str(stored["begins"])
-    table = CrowdTable(
-        source=source,
-        quantity=str(stored["quantity"]),  # type: ignore[arg-type]
-        segment=stored["segment"],
-        value=stored["value"],
-        slot_seconds=float(stored["slot_seconds"]),
-        begins=datetime.fromisoformat(begins) if begins else None,
-        segments=int(stored["segments"]),
-        streets=str(stored["streets"]),
-    )
-    _check(table)
-    return table
-
-
-def _check_stored(stored: Mapping[str, np.ndarray]) -> None:
-    if "format" not in stored or "quantity" not in stored:
-        raise TableError("it is not a table of crowds; make one with sidestep counts import", field="format")
-    if stored["format"].shape or stored["format"] != FORMAT:
-        raise TableError(
-            f"it has table format {stored['format']!s:.20}, and this version reads {FORMAT}; import it again",
-            field="format",
+        check_unpacked(file, TableError)
+        with np.load(file, allow_pickle=False) as packed:
+            stored = dict(packed)
+        for field, wrong, problem in _faults(stored):
+            if wrong:
+                raise TableError(problem, field=field)
+        begins = str(stored["begins"])
+        return CrowdTable(
+            source=str(path),
+            quantity=str(stored["quantity"]),  # type: ignore[arg-type]
+            segment=stored["segment"],
+            value=stored["value"],
+            slot_seconds=float(stored["slot_seconds"]),
+            begins=datetime.fromisoformat(begins) if begins else None,
+            segments=int(stored["segments"]),
+            streets=str(stored["streets"]),
         )
-    segment, value = stored["segment"], stored["value"]
-    if (segment.dtype, segment.ndim, value.dtype, value.ndim) != (np.dtype(np.int32), 1, np.dtype(np.float32), 2):
-        raise TableError(f"its segments are {segment.dtype}, its values {value.dtype}", field="value")
-    if not value.size or value.shape[1] != len(segment):
-        raise TableError(f"it has values of shape {value.shape} for {len(segment)} segments", field="value")
-    if str(stored["quantity"]) not in QUANTITIES:
-        raise TableError(f"it holds none of {', '.join(QUANTITIES)}", field="quantity")
 
 
-def _check(table: CrowdTable) -> None:
-    segment, value = table.segment, table.value
-    if segment.min() < 0 or segment.max() >= table.segments or (np.diff(segment) <= 0).any():
-        raise TableError(f"its segments are not numbers from 0 to {table.segments - 1} in order", field="segment")
-    if not ((value >= 0) & (value <= LARGEST[table.quantity][0])).all():  # NaN is not
-        raise TableError(f"it has values that are no {table.quantity}", field="value")
-    if not 0 < table.slot_seconds < 1e9:
-        raise TableError(f"its slots have {table.slot_seconds} s", field="slot_seconds")
-    if table.begins is not None and table.begins.tzinfo is not None:
-        raise TableError("its time has an offset", field="begins")
+def _faults(stored: Mapping[str, np.ndarray]) -> Iterator[tuple[str, bool, str]]:
+    """What may be wrong with a stored table: the entry, whether it is, and what to say; each relies on those before."""
+    unknown = "format" not in stored or "quantity" not in stored
+    yield "format", unknown, "it is not a table of crowds; make one with sidestep counts import"
+    other = bool(stored["format"].shape) or stored["format"] != FORMAT
+    said = f"{stored['format']!s:.20}, and this version reads {FORMAT}; import it again"
+    yield "format", other, f"it has table format {said}"
+    segment, value, quantity = stored["segment"], stored["value"], str(stored["quantity"])
+    most, seconds, begins = int(stored["segments"]) - 1, float(stored["slot_seconds"]), str(stored["begins"])
+    kinds = (segment.dtype, segment.ndim, value.dtype, value.ndim)
+    wanted = (np.dtype(np.int32), 1, np.dtype(np.float32), 2)
+    yield "value", kinds != wanted, f"its segments are {segment.dtype}, its values {value.dtype}"
+    fits = value.size and value.shape[1] == len(segment)
+    yield "value", not fits, f"it has values of shape {value.shape} for {len(segment)} segments"
+    yield "quantity", quantity not in LARGEST, f"it holds none of {', '.join(LARGEST)}"
+    ordered = segment.min() >= 0 and segment.max() <= most and (np.diff(segment) > 0).all()
+    yield "segment", not ordered, f"its segments are not numbers from 0 to {most} in order"
+    possible = (value >= 0) & (value <= LARGEST[quantity][0])  # NaN is not
+    yield "value", not possible.all(), f"it has values that are no {quantity}"
+    yield "slot_seconds", not 0 < seconds < 1e9, f"its slots have {seconds} s"
+    offset = begins and datetime.fromisoformat(begins).tzinfo is not None
+    yield "begins", bool(offset), "its time has an offset"
