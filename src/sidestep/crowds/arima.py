@@ -7,20 +7,26 @@ the JAX half are pure and may be jitted and vmapped, over the coefficients of th
 import json
 import math
 import warnings
+from functools import partial
 from importlib.resources import files
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int, Key
+from jaxtyping import Array, ArrayLike, Float, Key
 
-from sidestep.crowds.base import FlowField, FlowModel
+from sidestep.crowds.base import Counts, FlowField, FlowModel, Index, Scalar
 from sidestep.errors import SidestepError
 
 _SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
 _MOST_DIFFERENCES = 2
 _KPSS_LEVEL = 0.05
+
+Series = Float[np.ndarray, " hour"]
+History = Float[Array, "lag *batch"]
+Path = Float[Array, "slot *batch"]
+Value = Float[Array, " *batch"]
 
 
 class SeriesError(SidestepError):
@@ -66,25 +72,22 @@ def _coefficients(model: Arima) -> Float[Array, " order"]:
     return -polynomial[1:]
 
 
-def _expected(model: Arima, state: _State) -> Float[Array, " *batch"]:
+def _expected(model: Arima, state: _State) -> Value:
     """Conditional mean of the next value."""
     values, shocks = state
-    phi = _coefficients(model)
     mean = jnp.broadcast_to(model.mean * (1 - model.ar.sum()), values.shape[1:])
     # Sums over the few lags, written out, fuse into one loop over the segments; a matrix product would not.
-    for k in range(values.shape[0]):
-        mean = mean + phi[k] * values[k]
-    for k in range(shocks.shape[0]):
-        mean = mean - model.ma[k] * shocks[k]
+    for coefficient, value in zip((*_coefficients(model), *-model.ma), (*values, *shocks), strict=True):
+        mean = mean + coefficient * value
     return mean
 
 
-def _push(rows: Float[Array, "rows *batch"], newest: Float[Array, " *batch"]) -> Float[Array, "rows *batch"]:
+def _push(rows: Float[Array, "rows *batch"], newest: Value) -> Float[Array, "rows *batch"]:
     # A state keeps its type, whatever mixture of precisions goes in.
     return jnp.concatenate([newest[None].astype(rows.dtype), rows])[: rows.shape[0]]
 
 
-def _observe(model: Arima, state: _State, observed: Float[Array, " *batch"]) -> tuple[_State, Float[Array, " *batch"]]:
+def _observe(model: Arima, state: _State, observed: Value) -> tuple[_State, Value]:
     """Take in one value and return the expected one, which also stands in for a missing value (NaN)."""
     values, shocks = state
     expected = _expected(model, state)
@@ -92,7 +95,7 @@ def _observe(model: Arima, state: _State, observed: Float[Array, " *batch"]) -> 
     return (_push(values, value), _push(shocks, value - expected)), expected
 
 
-def _start(model: Arima, history: Float[Array, "lag *batch"]) -> _State:
+def _start(model: Arima, history: History) -> _State:
     """The state before the second row of a history, as if its oldest value had always been there."""
     observed = ~jnp.isnan(history)
     oldest = jnp.take_along_axis(history, jnp.argmax(observed, axis=0, keepdims=True), axis=0)[0]
@@ -102,15 +105,11 @@ def _start(model: Arima, history: Float[Array, "lag *batch"]) -> _State:
     return values, jnp.zeros((model.ma.shape[0], *oldest.shape), dtype)
 
 
-def latent(
-    model: Arima, history: Float[Array, "lag *batch"], innovations: Float[Array, "slot *batch"]
-) -> Float[Array, "slot *batch"]:
+def latent(model: Arima, history: History, innovations: Path) -> Path:
     """Like `simulate`, but values may be negative."""
-    state = _start(model, history)
-    if history.shape[0] > 1:
-        state, _ = jax.lax.scan(lambda s, value: _observe(model, s, value), state, history[1:])
+    state, _ = jax.lax.scan(partial(_observe, model), _start(model, history), history[1:])
 
-    def advance(state: _State, innovation: Float[Array, " *batch"]) -> tuple[_State, Float[Array, " *batch"]]:
+    def advance(state: _State, innovation: Value) -> tuple[_State, Value]:
         values, shocks = state
         shock = model.sigma * innovation
         value = _expected(model, state) + shock
@@ -120,9 +119,7 @@ def latent(
     return path
 
 
-def simulate(
-    model: Arima, history: Float[Array, "lag *batch"], innovations: Float[Array, "slot *batch"]
-) -> Float[Array, "slot *batch"]:
+def simulate(model: Arima, history: History, innovations: Path) -> Path:
     """Continue a series with simulated volumes, which are never negative.
 
     Only the returned numbers are cut at zero. Cutting the recursion behind them too would push the mean up and change
@@ -147,7 +144,7 @@ def simulate(
     return jnp.maximum(latent(model, history, innovations), 0.0)
 
 
-def forecast(model: Arima, history: Float[Array, "lag *batch"], slots: int) -> Float[Array, "slots *batch"]:
+def forecast(model: Arima, history: History, slots: int) -> Float[Array, "slots *batch"]:
     """Forecast the next `slots` steps: `simulate` without innovations."""
     return simulate(model, history, jnp.zeros((slots, *history.shape[1:])))
 
@@ -159,7 +156,7 @@ def one_step(model: Arima, series: Float[Array, "hour *batch"]) -> Float[Array, 
 
 def latent_one_step(model: Arima, series: Float[Array, "hour *batch"]) -> Float[Array, "hour *batch"]:
     """Like `one_step`, but forecasts may be negative."""
-    _, expected = jax.lax.scan(lambda s, value: _observe(model, s, value), _start(model, series), series[1:])
+    _, expected = jax.lax.scan(partial(_observe, model), _start(model, series), series[1:])
     seen = jnp.cumsum(~jnp.isnan(series[:-1]), axis=0) > 0
     nothing = jnp.full((1, *series.shape[1:]), jnp.nan)
     return jnp.concatenate([nothing, jnp.where(seen, expected, jnp.nan)])
@@ -171,12 +168,17 @@ def change_step(model: Arima, step: float) -> Arima:
     With r = step / model.step, phi becomes phi^r and the innovation variance sigma^2 (1 - phi^2r) / (1 - phi^2). The
     values keep their unit: a rate in persons/h sampled more often is still in persons/h.
 
+    Returns
+    -------
+    model
+        An AR(1) whose step is ``step`` seconds.
+
     Raises
     ------
     SeriesError
         A model that is no AR(1) with 0 < phi < 1, or a step that is not positive.
     """
-    if not (math.isfinite(step) and step > 0):
+    if not 0 < step < math.inf:
         raise SeriesError(f"the step must be a positive number of seconds, not {step}", field="step")
     if model.order != (1, 0, 0):
         raise SeriesError(
@@ -206,7 +208,7 @@ def stationary_ar1(
     return jnp.moveaxis(jnp.concatenate([first[None], later]), 0, 1)
 
 
-def _model(ar: ArrayLike, ma: ArrayLike, mean: ArrayLike, sigma: ArrayLike, d: int, step: float) -> Arima:
+def _model(ar: ArrayLike, ma: ArrayLike, mean: ArrayLike, sigma: ArrayLike, d: int, step: float = 3600.0) -> Arima:
     ar, ma, mean, sigma = (jnp.array(each, dtype=float) for each in (ar, ma, mean, sigma))
     return Arima(ar, ma, mean, sigma, d, float(step))
 
@@ -232,9 +234,7 @@ class ArimaFlow(FlowModel):
         innovations = jax.random.normal(key, (slots - 1, *shape))
         return self._field(simulate(self.model, jnp.broadcast_to(self.initial, (1, *shape)), innovations))
 
-    def ahead(
-        self, now: Float[Array, " segment"], _hour: Float[Array, ""], _slot: Int[Array, ""], slots: int
-    ) -> Float[Array, "slots segment"]:
+    def ahead(self, now: Counts, _hour: Scalar, _slot: Index, slots: int) -> Float[Array, "slots counter"]:
         """The model's forecast from the counts of this slot alone, which is all that an AR(1) needs."""
         volume = jnp.concatenate([now[None], forecast(self.model, now[None], slots - 1)])
         return jnp.maximum(volume, self.floor)
@@ -248,19 +248,15 @@ class ArimaFlow(FlowModel):
 # --- Fitting --------------------------------------------------------------------------------------------------------
 
 
-def fit_arima(
-    series: Float[np.ndarray, " hour"], p: int = 1, d: int | None = None, q: int = 0, step: float = 3600.0
-) -> Arima:
+def fit_arima(series: Series, p: int = 1, d: int | None = None, q: int = 0) -> Arima:
     """Fit an ARIMA(p, d, q) to a series by maximum likelihood (statsmodels' state-space filter).
 
     Parameters
     ----------
     series
-        Equally spaced values in persons; NaN where missing.
+        Hourly values in persons; NaN where missing.
     p, d, q
         Its order; with d None `choose_d` decides.
-    step
-        Seconds between two values.
 
     Returns
     -------
@@ -295,13 +291,18 @@ def fit_arima(
         raise SeriesError(f"the fit of ARIMA({p}, {d}, {q}) to this series does not converge; try a smaller order")
     mean = 0.0 if d else float(fit.params[0]) * scale
     sigma = math.sqrt(float(fit.params[-1])) * scale
-    return _model(fit.arparams, -np.asarray(fit.maparams), mean, sigma, d, step)
+    return _model(fit.arparams, -np.asarray(fit.maparams), mean, sigma, d)
 
 
-def choose_d(series: Float[np.ndarray, " hour"]) -> int:
+def choose_d(series: Series) -> int:
     """Choose how often to difference a series: until the KPSS test does not reject stationarity at 5 %, at most twice.
 
     Missing values are left out after differencing, so that a gap never looks like a jump.
+
+    Returns
+    -------
+    d
+        0, 1 or 2.
 
     Raises
     ------
@@ -332,7 +333,7 @@ def choose_d(series: Float[np.ndarray, " hour"]) -> int:
     return _MOST_DIFFERENCES
 
 
-def _check(series: Float[np.ndarray, " hour"], enough: int) -> None:
+def _check(series: Series, enough: int) -> None:
     if np.isinf(series).any():
         raise SeriesError("the series contains infinite values; mark missing ones as NaN")
     observed = int((~np.isnan(series)).sum())
@@ -346,7 +347,10 @@ def _check(series: Float[np.ndarray, " hour"], enough: int) -> None:
 def load_fitted(name: str = "auckland") -> Arima:
     """Load a model that was fitted in advance (by scripts/fit_auckland.py), so that no command waits for statsmodels.
 
-    "auckland" is the paper's ARIMA(1, 0, 0) for 45 Queen Street in 2024, hourly, in persons/h.
+    Returns
+    -------
+    model
+        "auckland" is the paper's ARIMA(1, 0, 0) for 45 Queen Street in 2024, hourly, in persons/h.
 
     Raises
     ------

@@ -30,10 +30,8 @@ class InterpolationWeights(eqx.Module):
     def everywhere(self, sensed: Float[Array, "*lead sensor"]) -> Float[Array, "*lead segment"]:
         """Densities on all segments from those at the sensors."""
         # One sensor of each segment after the other: all at once would take `near` times the memory of the result.
-        return sum(
-            (sensed[..., self.sensor[:, k]] * self.weight[:, k] for k in range(self.sensor.shape[1])),
-            start=jnp.float32(0),
-        )
+        near = range(self.sensor.shape[1])
+        return sum((sensed[..., self.sensor[:, k]] * self.weight[:, k] for k in near), start=jnp.float32(0))
 
 
 def interpolation_weights(
@@ -82,22 +80,35 @@ def interpolation_weights(
 def walking_distances(
     network: RoadNetwork, segment: Int[np.ndarray, " sensor"], limit: float = math.inf
 ) -> Float[np.ndarray, "sensor segment"]:
-    """Metres from the middles of some segments to the middles of all; infinity beyond the limit.
+    """Metres from the middles of some segments to the middles of all.
 
     Crowds walk every street in both directions, one-way or not.
+
+    Parameters
+    ----------
+    network
+        The streets.
+    segment
+        Where to begin.
+    limit
+        Metres after which to stop.
+
+    Returns
+    -------
+    away
+        Infinity where every way is longer than the limit.
     """
     tail, head, length = (np.asarray(part) for part in (network.tail, network.head, network.length))
     low, high = np.minimum(tail, head), np.maximum(tail, head)
+    pair = low.astype(np.int64) * network.nodes + high
     # Of parallel segments the shortest counts; a sparse matrix would add up their lengths.
-    order = np.lexsort((length, high, low))
-    first = np.ones(len(order), bool)
-    first[1:] = (np.diff(low[order]) != 0) | (np.diff(high[order]) != 0)
-    kept = order[first]
+    order = np.argsort(length, kind="stable")
+    kept = order[np.unique(pair[order], return_index=True)[1]]
     graph = coo_array((length[kept], (low[kept], high[kept])), shape=(network.nodes, network.nodes)).tocsr()
     away = np.empty((len(segment), network.segments), np.float32)
     for row, here in zip(away, segment.tolist(), strict=True):
         begin, end = dijkstra(graph, directed=False, indices=[tail[here], head[here]], limit=limit)
         node = np.minimum(begin, end) + length[here] / 2
         row[:] = np.minimum(node[tail], node[head]) + length / 2
-        row[(low == low[here]) & (high == high[here]) & (length == length[here])] = 0.0
+        row[(pair == pair[here]) & (length == length[here])] = 0.0
     return away

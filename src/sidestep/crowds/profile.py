@@ -69,11 +69,9 @@ def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " 
     logs = np.log1p(series)
     counted = ~np.isnan(logs)
     numbers = np.bincount(hours[counted], minlength=HOURS_OF_WEEK)
-    if (numbers == 0).any():
-        first = int((numbers == 0).argmax())
-        raise arima.SeriesError(
-            f"{(numbers == 0).sum()} hours of the week have no count, the first is {day_and_time(first)}"
-        )
+    if not numbers.all():
+        first = day_and_time(int(numbers.argmin()))
+        raise arima.SeriesError(f"{(numbers == 0).sum()} hours of the week have no count, the first is {first}")
     expected = np.bincount(hours[counted], weights=logs[counted], minlength=HOURS_OF_WEEK) / numbers
     return HourOfWeekProfile(jnp.asarray(expected), arima.fit_arima(logs - expected[hours], p=1, d=0, q=0))
 

@@ -64,11 +64,9 @@ def fill_hours(
         `absent` marks the rows that had to be added.
     """
     every = np.arange(times[0], times[-1] + HOUR, HOUR)
-    rows = (times - times[0]).astype(np.int64)
+    absent = ~np.isin(every, times)
     filled = np.full((len(every), counts.shape[1]), np.nan)
-    filled[rows] = counts
-    absent = np.ones(len(every), dtype=bool)
-    absent[rows] = False
+    filled[~absent] = counts
     return every, filled, absent
 
 

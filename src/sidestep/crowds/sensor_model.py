@@ -109,11 +109,9 @@ def _mean(hours: Float[np.ndarray, "hour sensor"]) -> Float[np.ndarray, " sensor
 
 def _robust_sigma(values: Float[np.ndarray, "n sensor"]) -> Float[np.ndarray, " sensor"]:
     """Standard deviation of normal numbers with these quartiles; 0 where there are fewer than two values."""
-    found = []
-    for column in values.T:
-        known = column[np.isfinite(column)]
-        found.append(np.diff(np.quantile(known, (0.25, 0.75)))[0] / _NORMAL_QUARTILES if len(known) > 1 else 0.0)
-    return np.array(found)
+    known = [column[np.isfinite(column)] for column in values.T]
+    quartiles = np.array([np.quantile(column, (0.25, 0.75)) if len(column) > 1 else (0.0, 0.0) for column in known])
+    return (quartiles[:, 1] - quartiles[:, 0]) / _NORMAL_QUARTILES
 
 
 def cholesky_factor(correlation: Float[np.ndarray, "sensor sensor"]) -> Float[np.ndarray, "sensor sensor"]:

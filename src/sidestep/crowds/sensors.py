@@ -10,16 +10,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Float, Key
 
 from sidestep.crowds.arima import stationary_ar1
-from sidestep.crowds.base import FlowModel, SensedField
+from sidestep.crowds.base import Counts, FlowModel, Fractions, Index, Pieces, Scalar, SensedField, Slots
 from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.live import CurrentCounts, LatestCounts
 from sidestep.crowds.profile import HOURS_OF_WEEK, hour_of_week
 from sidestep.crowds.sensor_model import SensorModel
 
 HOUR = 3600.0
+
+Sensors = Float[Array, " sensor"]
+Levels = Float[Array, "slots sensor"]
+Hours = Float[Array, " slots"]
 
 
 class SensorFlow(FlowModel):
@@ -51,10 +55,9 @@ class SensorFlow(FlowModel):
 
     def expected(self, hours: Float[Array, " hour"], slots: int) -> SensedField:
         """Mean densities for each of the hours."""
-        number = jnp.arange(slots)
-        current = self.current
+        number, current = jnp.arange(slots), self.current
 
-        def one(start: Float[Array, ""]) -> Float[Array, "slot sensor"]:
+        def one(start: Scalar) -> Levels:
             level, sigma = self._levels(start, number)
             since = self._since(start, number)
             variance = self._lasting + self._covariance(since, since) * sigma**2
@@ -78,9 +81,7 @@ class SensorFlow(FlowModel):
             # How the whole week differs was recorded.
             lasting, residual = lasting * self.uneven, self._recorded(self.record, for_hours, hours, knots)
 
-        def one(
-            start: Float[Array, ""], lasting: Float[Array, " sensor"], residual: Float[Array, "knot sensor"]
-        ) -> Float[Array, "slot sensor"]:
+        def one(start: Scalar, lasting: Sensors, residual: Float[Array, "knot sensor"]) -> Levels:
             _, hour, fraction = self._hours(start, jnp.arange(slots))
             level, sigma = self._levels(start, jnp.arange(slots))
             between = (1 - fraction)[:, None] * residual[hour] + fraction[:, None] * residual[hour + 1]
@@ -88,9 +89,7 @@ class SensorFlow(FlowModel):
 
         return self._field(jax.vmap(one)(hours, lasting, residual))
 
-    def ahead(
-        self, now: Float[Array, " sensor"], hour: Float[Array, ""], slot: Int[Array, ""], slots: int
-    ) -> Float[Array, "slots sensor"]:
+    def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:
         """Mean densities in this and the next slots, given those in this one; what was not expected fades in part."""
         after = slot + jnp.arange(slots)
         level, sigma = self._levels(hour, after)
@@ -100,7 +99,7 @@ class SensorFlow(FlowModel):
         covariance = self._lasting + self._covariance(since[:1], since) * sigma[0] * sigma
         return self._density(level + _conditional_mean(log_density_ratio, variance[0], covariance, variance))
 
-    def on_pieces(self, parent: Int[Array, " piece"], _fraction: Float[Array, " piece"]) -> "SensorFlow":
+    def on_pieces(self, parent: Pieces, _fraction: Fractions) -> "SensorFlow":
         return replace(self, weights=self.weights.of(parent))
 
     def going_on_from(self, latest: LatestCounts) -> "SensorFlow":
@@ -110,51 +109,43 @@ class SensorFlow(FlowModel):
         return replace(self, current=CurrentCounts(residual, jnp.asarray(latest.since, jnp.float32)), record=None)
 
     @property
-    def _lasting(self) -> Float[Array, " sensor"]:
+    def _lasting(self) -> Sensors:
         """Variance of the part of the level that lasts as long as anybody walks."""
         return self.model.weekly**2 + self.uneven**2
 
-    def _counted(
-        self, current: CurrentCounts, hour: Float[Array, ""]
-    ) -> tuple[Float[Array, " sensor"], Float[Array, " sensor"]]:
+    def _counted(self, current: CurrentCounts, hour: Scalar) -> tuple[Sensors, Sensors]:
         """How current counts differ from the expected ones, 0 where there are none, and the residuals' sigma then."""
         counted = jnp.round(hour - current.since - 0.5).astype(jnp.int32)
         log_density_ratio = jnp.where(jnp.isfinite(current.residual), current.residual + self.uneven**2 / 2, 0.0)
         return log_density_ratio, self.model.sigma[counted % len(self.model.sigma)]
 
-    def _hours(
-        self, start: Float[Array, ""], slot: Int[Array, " slots"]
-    ) -> tuple[Int[Array, ""], Int[Array, " slots"], Float[Array, " slots"]]:
+    def _hours(self, start: Scalar, slot: Slots) -> tuple[Index, Slots, Hours]:
         """The hour whose middle comes before clock 0, and whole hours and fractions from there to middles of slots."""
         middle = start + (slot + 0.5) * (self.slot_seconds / HOUR) - 0.5
         first = jnp.floor(start - 0.5)
         hour = jnp.floor(middle - first)
         return first.astype(jnp.int32), hour.astype(jnp.int32), middle - first - hour
 
-    def _levels(
-        self, start: Float[Array, ""], slot: Int[Array, " slots"]
-    ) -> tuple[Float[Array, "slots sensor"], Float[Array, "slots sensor"]]:
+    def _levels(self, start: Scalar, slot: Slots) -> tuple[Levels, Levels]:
         """Median levels in some slots, and the sigma of the residuals from them."""
         first, hour, fraction = self._hours(start, slot)
 
-        def at(table: Float[Array, "hours sensor"]) -> Float[Array, "slots sensor"]:
+        def at(table: Float[Array, "hours sensor"]) -> Levels:
             before, after = table[(first + hour) % len(table)], table[(first + hour + 1) % len(table)]
             return (1 - fraction)[:, None] * before + fraction[:, None] * after
 
         return at(self.model.expected) - self.uneven**2 / 2, at(self.model.sigma)
 
-    def _since(self, start: Float[Array, ""], slot: Int[Array, " slots"]) -> Float[Array, " slots"]:
-        """Hours from the first drawn residual to the middles of slots.
-
-        Residuals are drawn at the middles of hours and linear in between. The first is that of the hour whose middle
-        comes before clock 0, or that of the counted hour, before which residuals are as counted.
-        """
+    def _since(self, start: Scalar, slot: Slots) -> Hours:
+        """Hours from the first drawn residual to the middles of slots."""
+        # Residuals are drawn at the middles of hours and linear in between. The first is that of the hour whose middle
+        # comes before clock 0, or that of the counted hour, before which residuals are as counted.
         if self.current is None:
             _, hour, fraction = self._hours(start, slot)
             return hour + fraction
         return jnp.maximum(self.current.since + (slot + 0.5) * (self.slot_seconds / HOUR), 0.0)
 
-    def _covariance(self, early: Float[Array, " #slots"], late: Float[Array, " slots"]) -> Float[Array, "slots sensor"]:
+    def _covariance(self, early: Float[Array, " #slots"], late: Hours) -> Levels:
         """Covariance of residuals at two times (in hours since the first) in units of their standard deviations."""
         first, second = jnp.floor(early), jnp.floor(late)
         begun, passed, apart = ((early - first)[:, None], (late - second)[:, None], (second - first)[:, None])
@@ -205,11 +196,8 @@ class SensorFlow(FlowModel):
 
 
 def _conditional_mean(
-    log_density_ratio: Float[Array, " sensor"],
-    variance_then: Float[Array, " sensor"],
-    covariance: Float[Array, "slot sensor"],
-    variance: Float[Array, "slot sensor"],
-) -> Float[Array, "slot sensor"]:
+    log_density_ratio: Sensors, variance_then: Sensors, covariance: Levels, variance: Levels
+) -> Levels:
     """What a known normal number adds to the logarithm of the mean of later lognormal ones."""
     share = covariance / jnp.maximum(variance_then, 1e-12)
     return share * log_density_ratio + (variance - share * covariance) / 2
