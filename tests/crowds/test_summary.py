@@ -28,7 +28,7 @@ def test_errors_of_the_real_sensors(auckland: CountTable, sensor: str) -> None:
 
 
 def test_differencing_helps_the_arima_a_little(auckland: CountTable) -> None:
-    e = one_step_errors(auckland, "45 Queen Street", d=1)
+    e = one_step_errors(auckland, "45 Queen Street", order=(1, 1, 0))
     assert e.rmse["ARIMA(1, 1, 0)"] == pytest.approx(290, rel=0.02)
     assert float(e.arima_model.sigma) == pytest.approx(226, rel=0.02)
 

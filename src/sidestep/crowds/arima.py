@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Key
 
-from sidestep.crowds.base import Counts, FlowField, FlowModel, Index, Scalar
+from sidestep.crowds.base import Counts, FlowField, FlowModel, Hours, Index, Scalar
 from sidestep.errors import SidestepError
 
 _SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
@@ -226,10 +226,10 @@ class ArimaFlow(FlowModel):
     floor: float = eqx.field(static=True, default=1.0)
     """Persons that are always there: the power law gives zero time to a segment without people."""
 
-    def expected(self, _hours: Float[Array, " hour"], slots: int) -> FlowField:
+    def expected(self, _hours: Hours, slots: int) -> FlowField:
         return self._field(forecast(self.model, self.initial[None, None], slots - 1))
 
-    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], hours: Hours, slots: int) -> FlowField:
         shape = (hours.shape[0], self.initial.shape[0])
         innovations = jax.random.normal(key, (slots - 1, *shape))
         return self._field(simulate(self.model, jnp.broadcast_to(self.initial, (1, *shape)), innovations))

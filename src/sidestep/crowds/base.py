@@ -18,6 +18,7 @@ Scalar = Float[Array, ""]
 Index = Int[Array, ""]
 Slots = Int[Array, " slots"]
 Counts = Float[Array, " counter"]
+Hours = Float[Array, " future"]
 Pieces = Int[Array, " piece"]
 Fractions = Float[Array, " piece"]
 
@@ -112,11 +113,11 @@ class FlowModel(eqx.Module):
         return "all hours of the week"
 
     @abstractmethod
-    def expected(self, hours: Float[Array, " hour"], slots: int) -> Field:
+    def expected(self, hours: Hours, slots: int) -> Field:
         """Mean crowds, with a leading axis: one field for each hour, or a single one where the model is not timed."""
 
     @abstractmethod
-    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> Field:
+    def draw(self, key: Key[Array, ""], hours: Hours, slots: int) -> Field:
         """Possible futures, one for each hour."""
 
     @abstractmethod

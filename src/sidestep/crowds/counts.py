@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 
 from sidestep.crowds import repairs as fix
 from sidestep.crowds.columns import read_csv, typical_step
@@ -59,11 +59,11 @@ class Repair:
 class CountTable:
     """Hourly counts of several sensors over one unbroken span of time; the arrays are read-only."""
 
-    times: Shaped[np.ndarray, " hour"]
+    times: fix.Times
     """Local wall time at which each hour starts, ``datetime64[h]``."""
     sensors: tuple[str, ...]
     """Names of the sensors."""
-    counts: Float[np.ndarray, "hour sensor"]
+    counts: fix.Counts
     """Persons/h; NaN where nothing was counted."""
     positions: Float[np.ndarray, "sensor 2"] | None
     """Latitude and longitude in degrees (WGS 84), where they are known."""
@@ -78,8 +78,13 @@ class CountTable:
             if array is not None:
                 array.setflags(write=False)
 
-    def series(self, sensor: str) -> Float[np.ndarray, " hour"]:
-        """Counts of one sensor in persons/h.
+    def series(self, sensor: str) -> fix.Series:
+        """Counts of one sensor.
+
+        Returns
+        -------
+        series
+            Persons/h.
 
         Raises
         ------
@@ -93,6 +98,11 @@ class CountTable:
     def between(self, start: str | np.datetime64, end: str | np.datetime64) -> "CountTable":
         """The hours from `start` up to, and not including, `end` (local wall time).
 
+        Returns
+        -------
+        table
+            Of these hours alone.
+
         Raises
         ------
         CountsError
@@ -101,9 +111,8 @@ class CountTable:
         try:
             first, last = (np.datetime64(str(time), "h") for time in (start, end))
         except ValueError as error:
-            raise CountsError(
-                f"{self.source}: the period {start} to {end} is not two ISO 8601 times such as 2024-12-31T18"
-            ) from error
+            period = f"the period {start} to {end}"
+            raise CountsError(f"{self.source}: {period} is not two ISO 8601 times such as 2024-12-31T18") from error
         inside = (self.times >= first) & (self.times < last)
         if not inside.any():
             span = f"{self.times[0]} to {self.times[-1]}"
@@ -117,6 +126,11 @@ def load_auckland() -> CountTable:
 
     `sidestep.crowds.repairs` explains each repair; level shifts are listed but not undone (see `TRAIN` and `TEST`).
     The table is read once and shared.
+
+    Returns
+    -------
+    table
+        Read-only.
 
     Raises
     ------
@@ -153,23 +167,22 @@ def load_auckland() -> CountTable:
     counts, clock = _repair_clocks(times, counts)
     found += clock
 
-    clock_hours = np.isnan(counts).all(axis=1)
-    missing = np.isnan(counts[~clock_hours]).sum(axis=0)
-    found += [
-        Repair("missing", name, int(n), f"{n / len(times):.1%} of the hours have no count and stay missing")
-        for name, n in zip(sensors, missing, strict=True)
-        if n
-    ]
-    for column, name in enumerate(sensors):
-        runs = fix.dead_runs(times, counts[:, column])
+    missing, dead = [], []
+    absent = np.isnan(counts[~np.isnan(counts).all(axis=1)]).sum(axis=0)  # not in the hours of clock changes
+    for name, series, number in zip(sensors, counts.T, absent, strict=True):
+        if number:
+            share = f"{number / len(times):.1%} of the hours have no count and stay missing"
+            missing.append(Repair("missing", name, int(number), share))
+        runs = fix.dead_runs(times, series)
+        for first, end in runs:
+            series[first:end] = np.nan
         if len(runs):
-            for first, end in runs:
-                counts[first:end, column] = np.nan
             lengths = runs[:, 1] - runs[:, 0]
             longest = f"the longest {lengths.max():,} h from {times[runs[lengths.argmax(), 0]]}"
             detail = f"zeros in {len(runs)} stretches where a living sensor counts hundreds, {longest}"
-            found.append(Repair("dead sensor", name, int(lengths.sum()), detail))
+            dead.append(Repair("dead sensor", name, int(lengths.sum()), detail))
 
+    found += [*missing, *dead]
     found.append(Repair("level shift", None, _span(times, _LOCKDOWNS), "lockdowns of 2020-21; not undone"))
     wider = "a camera with a wider view since 2025-03-05; not undone"
     found += [Repair("level shift", name, _span(times, _UPGRADED), wider) for name in _UPGRADED_SENSORS]
@@ -177,9 +190,7 @@ def load_auckland() -> CountTable:
     return CountTable(times, sensors, counts, places.to_numpy(dtype=np.float64), tuple(found), AUCKLAND_SOURCE)
 
 
-def _repair_clocks(
-    times: Shaped[np.ndarray, " hour"], counts: Float[np.ndarray, "hour sensor"]
-) -> tuple[Float[np.ndarray, "hour sensor"], list[Repair]]:
+def _repair_clocks(times: fix.Times, counts: fix.Counts) -> tuple[fix.Counts, list[Repair]]:
     changes = [fix.clock_changes(year) for year in range(2019, 2026)]
     found = []
     for skipped, twice in changes:
@@ -197,7 +208,7 @@ def _repair_clocks(
     ]
 
 
-def _span(times: Shaped[np.ndarray, " hour"], period: Period) -> int:
+def _span(times: fix.Times, period: Period) -> int:
     return int(((times >= np.datetime64(period[0], "h")) & (times < np.datetime64(period[1], "h"))).sum())
 
 

@@ -157,16 +157,9 @@ def load_crowd_table(path: str | Path) -> CrowdTable:
             if wrong:
                 raise TableError(problem, field=field)
         begins = str(stored["begins"])
-        return CrowdTable(
-            source=str(path),
-            quantity=str(stored["quantity"]),  # type: ignore[arg-type]
-            segment=stored["segment"],
-            value=stored["value"],
-            slot_seconds=float(stored["slot_seconds"]),
-            begins=datetime.fromisoformat(begins) if begins else None,
-            segments=int(stored["segments"]),
-            streets=str(stored["streets"]),
-        )
+        scalars = {name: stored[name].item() for name in ("quantity", "slot_seconds", "segments", "streets")}
+        time = datetime.fromisoformat(begins) if begins else None
+        return CrowdTable(str(path), segment=stored["segment"], value=stored["value"], begins=time, **scalars)
 
 
 def _faults(stored: Mapping[str, np.ndarray]) -> Iterator[tuple[str, bool, str]]:

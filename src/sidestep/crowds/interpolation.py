@@ -11,6 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from sidestep.network.graph import NetworkError, RoadNetwork
 
+Stations = Int[np.ndarray, " sensor"]
+
 NEAR = 4  # sensors with a weight on one segment
 FADED = 6.0  # reaches beyond which a sensor has no weight: exp(-6) is a quarter of a per cent
 
@@ -34,9 +36,7 @@ class InterpolationWeights(eqx.Module):
         return sum((sensed[..., self.sensor[:, k]] * self.weight[:, k] for k in near), start=jnp.float32(0))
 
 
-def interpolation_weights(
-    network: RoadNetwork, segment: Int[np.ndarray, " sensor"], reach: float
-) -> InterpolationWeights:
+def interpolation_weights(network: RoadNetwork, segment: Stations, reach: float) -> InterpolationWeights:
     """Let the density at each sensor fade along the streets around it.
 
     A segment whose middle is d metres of walking from a sensor, in the shorter direction, takes exp(-d/reach) of that
@@ -63,9 +63,8 @@ def interpolation_weights(
         No sensor, a segment outside the network, or a reach that is not positive.
     """
     if not len(segment) or segment.min() < 0 or segment.max() >= network.segments:
-        raise NetworkError(
-            f"sensors must stand on segments 0 to {network.segments - 1}, not {segment.tolist()}", field="segment"
-        )
+        every = f"segments 0 to {network.segments - 1}"
+        raise NetworkError(f"sensors must stand on {every}, not {segment.tolist()}", field="segment")
     if not 0 < reach < math.inf:
         raise NetworkError(f"the reach of a sensor must be a positive number of metres, not {reach}", field="reach")
     away = walking_distances(network, segment, FADED * reach)
@@ -78,7 +77,7 @@ def interpolation_weights(
 
 
 def walking_distances(
-    network: RoadNetwork, segment: Int[np.ndarray, " sensor"], limit: float = math.inf
+    network: RoadNetwork, segment: Stations, limit: float = math.inf
 ) -> Float[np.ndarray, "sensor segment"]:
     """Metres from the middles of some segments to the middles of all.
 

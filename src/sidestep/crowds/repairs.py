@@ -10,6 +10,12 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 HOUR = np.timedelta64(1, "h")
 
+Rows = Shaped[np.ndarray, " row"]
+Times = Shaped[np.ndarray, " hour"]
+Series = Float[np.ndarray, " hour"]
+Counts = Float[np.ndarray, "hour sensor"]
+Runs = Int[np.ndarray, "run 2"]
+
 # A run of zeros is a dead sensor if this many persons are expected in those hours of the day. In the two hardest
 # lockdowns (April 2020, August 2021) the sensors still counted 7 % to 45 % of the expected numbers, so a living sensor
 # would have counted 33 or more; 47 to 327 persons are expected in a night (0-5 h), so that an empty night alone stays.
@@ -19,7 +25,7 @@ DEAD_PERSONS = 500.0
 _MISALIGNED_AT_MOST = 8 * 24
 
 
-def calendar_times(days: Shaped[np.ndarray, " row"], hours: Int[np.ndarray, " row"]) -> Shaped[np.ndarray, " row"]:
+def calendar_times(days: Rows, hours: Int[np.ndarray, " row"]) -> Rows:
     """Turn operational days (06:00 to 05:59) into calendar time.
 
     The rows of a night belong to the *next* calendar day: "Friday, 2:00" is early on Saturday. Read naively, the
@@ -41,11 +47,16 @@ def calendar_times(days: Shaped[np.ndarray, " row"], hours: Int[np.ndarray, " ro
     return times
 
 
-def ordered_times(times: Shaped[np.ndarray, " row"]) -> Shaped[np.ndarray, " row"]:
+def ordered_times(times: Rows) -> Rows:
     """Repair wrong dates by trusting the order of the rows and their hour of the day.
 
     Each row is put at the first time after its predecessor that has the row's hour of the day. The first row's date
     must be right, and fewer than 24 hours may be absent between two rows.
+
+    Returns
+    -------
+    times
+        Ascending.
     """
     steps = np.diff(times).astype(np.int64) % 24
     steps[steps == 0] = 24
@@ -53,9 +64,7 @@ def ordered_times(times: Shaped[np.ndarray, " row"]) -> Shaped[np.ndarray, " row
     return repaired
 
 
-def fill_hours(
-    times: Shaped[np.ndarray, " row"], counts: Float[np.ndarray, "row sensor"]
-) -> tuple[Shaped[np.ndarray, " hour"], Float[np.ndarray, "hour sensor"], Bool[np.ndarray, " hour"]]:
+def fill_hours(times: Rows, counts: Float[np.ndarray, "row sensor"]) -> tuple[Times, Counts, Bool[np.ndarray, " hour"]]:
     """Give every hour from the first to the last a row, NaN where there was none.
 
     Returns
@@ -75,6 +84,11 @@ def clock_changes(year: int) -> tuple[np.datetime64, np.datetime64]:
 
     Clocks go forward at 2:00 on the last Sunday of September (2:00 does not exist) and back at 3:00 on the first
     Sunday of April (2:00 comes twice). Computed here because not every machine has a time-zone data base.
+
+    Returns
+    -------
+    skipped, twice
+        Local wall times.
     """
     late = np.datetime64(f"{year}-09-30", "D")
     early = np.datetime64(f"{year}-04-01", "D")
@@ -84,9 +98,7 @@ def clock_changes(year: int) -> tuple[np.datetime64, np.datetime64]:
     return forward + 2 * HOUR, back + 2 * HOUR
 
 
-def repair_clock_forward(
-    times: Shaped[np.ndarray, " hour"], counts: Float[np.ndarray, "hour sensor"], skipped: np.datetime64
-) -> tuple[Float[np.ndarray, "hour sensor"], int]:
+def repair_clock_forward(times: Times, counts: Counts, skipped: np.datetime64) -> tuple[Counts, int]:
     """Make the hour that the clock skips NaN, and realign the hours after it.
 
     The publisher wrote this hour as a row of zeros (2019-22) or left it out (2024), or forgot that it is missing and
@@ -114,20 +126,28 @@ def repair_clock_forward(
     return repaired, moved
 
 
-def zero_runs(series: Float[np.ndarray, " hour"]) -> Int[np.ndarray, "run 2"]:
+def zero_runs(series: Series) -> Runs:
     """First and one-past-last row of each run of zeros; a missing hour ends a run."""
     edges = np.diff(np.concatenate(([0], (series == 0).astype(np.int64), [0])))
     return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
 
 
-def dead_runs(
-    times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " hour"], persons: float = DEAD_PERSONS
-) -> Int[np.ndarray, "run 2"]:
-    """The runs of zeros in which a living sensor would have counted at least `persons`.
+def dead_runs(times: Times, series: Series) -> Runs:
+    """The runs of zeros in which a living sensor would have counted at least `DEAD_PERSONS`.
 
     The expected count of an hour of the day is the sensor's median *positive* one, which stands even if the sensor is
     dead for 42 % of the time ("107 Quay Street"). A rule in persons rather than hours fits every sensor: it is more
     than half a day at the quietest, a lunchtime at the busiest, and nowhere a night alone.
+
+    Parameters
+    ----------
+    times, series
+        Hours, and the counts of one sensor in them, persons/h.
+
+    Returns
+    -------
+    runs
+        First and one-past-last row of each.
     """
     hour_of_day = times.astype("datetime64[h]").astype(np.int64) % 24
     expected = np.zeros(24)
@@ -136,5 +156,5 @@ def dead_runs(
         expected[hour] = np.median(alive) if len(alive) else 0.0
     passed = np.concatenate(([0.0], np.cumsum(expected[hour_of_day])))
     runs = zero_runs(series)
-    dead: np.ndarray = runs[passed[runs[:, 1]] - passed[runs[:, 0]] >= persons]
+    dead: np.ndarray = runs[passed[runs[:, 1]] - passed[runs[:, 0]] >= DEAD_PERSONS]
     return dead

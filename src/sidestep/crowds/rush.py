@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.crowds.arima import stationary_ar1
-from sidestep.crowds.base import Counts, FlowField, FlowModel, Index, Scalar, Slots
+from sidestep.crowds.base import Counts, FlowField, FlowModel, Hours, Index, Scalar, Slots
 
 FEWEST = 1e-6  # persons; fewer count as nobody where logarithms are taken
 
@@ -30,11 +30,11 @@ class NoisyFlow(FlowModel):
     def median(self, hour: Scalar, slot: Slots) -> Float[Array, "slots segment"]:
         """Median volumes in some slots after clock 0, at which it is this ``hour`` of the week."""
 
-    def expected(self, hours: Float[Array, " hour"], slots: int) -> FlowField:
+    def expected(self, hours: Hours, slots: int) -> FlowField:
         """Mean volumes, for each of the hours."""
         return self._field(self._medians(hours if self.timed else hours[:1], slots) * jnp.exp(self.sigma**2 / 2))
 
-    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], hours: Hours, slots: int) -> FlowField:
         """Possible futures; the noise is stationary from the first slot on."""
         return self.with_noise(key, self._medians(hours, slots))
 
@@ -71,7 +71,7 @@ class NoisyFlow(FlowModel):
         half_variance = self.sigma**2 * (1 - fading**2) / 2
         return jnp.maximum(median * jnp.exp(fading * log_density_ratio + half_variance), self.floor)
 
-    def _medians(self, hours: Float[Array, " hour"], slots: int) -> Float[Array, "hour slots segment"]:
+    def _medians(self, hours: Hours, slots: int) -> Float[Array, "hour slots segment"]:
         return jax.vmap(self.median, (0, None))(hours, jnp.arange(slots))
 
     def _field(self, volume: Float[Array, "*future slot segment"]) -> FlowField:
@@ -113,7 +113,7 @@ class ShiftingFlow(FlowModel):
     spread: float = eqx.field(static=True)
     """Standard deviation of that base, persons."""
 
-    def expected(self, hours: Float[Array, " hour"], slots: int) -> FlowField:
+    def expected(self, hours: Hours, slots: int) -> FlowField:
         """Mean volumes over all places where the crowded nodes may be."""
         # Nodes are drawn without replacement: if one end of a segment is not crowded, the other end is likelier to be.
         candidates = jnp.sum(~self.spared)
@@ -123,7 +123,7 @@ class ShiftingFlow(FlowModel):
         crowded = 1 - missed
         return self._based(self.ordinary.base * (1 - crowded) + self.mean * crowded).expected(hours, slots)
 
-    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> FlowField:
+    def draw(self, key: Key[Array, ""], hours: Hours, slots: int) -> FlowField:
         """Possible futures, each with crowded nodes of its own."""
         futures = hours.shape[0]
         for_nodes, for_volumes, for_noise = jax.random.split(key, 3)

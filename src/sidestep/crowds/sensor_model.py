@@ -70,13 +70,11 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     hours = hour_of_week(table.times)
     counted = np.isfinite(logs)
     for name, known in zip(names, counted.T, strict=True):
+        sensor = f"{table.source}: sensor {name!r}"
         if known.sum() < FEWEST_HOURS:
-            raise SeriesError(
-                f"{table.source}: sensor {name!r} has {known.sum()} counted hours, but the fit needs {FEWEST_HOURS}",
-                field=name,
-            )
+            raise SeriesError(f"{sensor} has {known.sum()} counted hours, but the fit needs {FEWEST_HOURS}", field=name)
         if len(np.unique(hours[known])) < HOURS_OF_WEEK:
-            raise SeriesError(f"{table.source}: sensor {name!r} has no count in some hours of the week", field=name)
+            raise SeriesError(f"{sensor} has no count in some hours of the week", field=name)
     expected = np.stack([np.nanmean(logs[hours == hour], axis=0) for hour in range(HOURS_OF_WEEK)])
     residual = logs - expected[hours]
     week = np.cumsum(hours == 0)
@@ -95,9 +93,8 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     squares = (innovation**2).T @ paired  # of each sensor over the hours that each other counted
     correlation = innovation.T @ innovation / np.sqrt(np.maximum(squares * squares.T, 1e-24))
     np.fill_diagonal(correlation, 1.0)
-    return SensorModel(
-        *(jnp.asarray(part, jnp.float32) for part in (expected, weekly, sigma, phi, cholesky_factor(correlation)))
-    )
+    parts = (expected, weekly, sigma, phi, cholesky_factor(correlation))
+    return SensorModel(*(jnp.asarray(part, jnp.float32) for part in parts))
 
 
 def _mean(hours: Float[np.ndarray, "hour sensor"]) -> Float[np.ndarray, " sensor"]:
@@ -118,6 +115,11 @@ def cholesky_factor(correlation: Float[np.ndarray, "sensor sensor"]) -> Float[np
     """Lower Cholesky factor of the nearest matrix that has one.
 
     Correlations over different hours are not always those of a joint distribution.
+
+    Returns
+    -------
+    factor
+        Of a matrix whose diagonal is 1.
     """
     values, vectors = np.linalg.eigh(correlation)
     fitting = (vectors * np.maximum(values, 1e-6)) @ vectors.T

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 
 from sidestep.crowds.arima import stationary_ar1
-from sidestep.crowds.base import Counts, FlowModel, Fractions, Index, Pieces, Scalar, SensedField, Slots
+from sidestep.crowds.base import Counts, FlowModel, Fractions, Hours, Index, Pieces, Scalar, SensedField, Slots
 from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.live import CurrentCounts, LatestCounts
 from sidestep.crowds.profile import HOURS_OF_WEEK, hour_of_week
@@ -23,7 +23,10 @@ HOUR = 3600.0
 
 Sensors = Float[Array, " sensor"]
 Levels = Float[Array, "slots sensor"]
-Hours = Float[Array, " slots"]
+SlotHours = Float[Array, " slots"]
+Lasting = Float[Array, "future sensor"]
+Record = Float[Array, "week 168 sensor"]
+Residuals = Float[Array, "future knot sensor"]
 
 
 class SensorFlow(FlowModel):
@@ -41,7 +44,7 @@ class SensorFlow(FlowModel):
     """Density at each sensor in persons/m² for one person/h."""
     slot_seconds: float = eqx.field(static=True)
     """Length of a slot."""
-    record: Float[Array, "week 168 sensor"] | None = None
+    record: Record | None = None
     """Levels of recorded weeks less the expected ones; if given, each future is one of these weeks."""
     uneven: float = eqx.field(static=True, default=0.0)
     """How much the demand of every future differs from sensor to sensor: standard deviation of the logarithm of a
@@ -53,7 +56,7 @@ class SensorFlow(FlowModel):
     def timed(self) -> bool:
         return True
 
-    def expected(self, hours: Float[Array, " hour"], slots: int) -> SensedField:
+    def expected(self, hours: Hours, slots: int) -> SensedField:
         """Mean densities for each of the hours."""
         number, current = jnp.arange(slots), self.current
 
@@ -70,7 +73,7 @@ class SensorFlow(FlowModel):
 
         return self._field(jax.vmap(one)(hours))
 
-    def draw(self, key: Key[Array, ""], hours: Float[Array, " future"], slots: int) -> SensedField:
+    def draw(self, key: Key[Array, ""], hours: Hours, slots: int) -> SensedField:
         """Possible futures, or recorded ones."""
         knots = math.ceil(slots * self.slot_seconds / HOUR) + 2
         for_lasting, for_hours = jax.random.split(key)
@@ -119,7 +122,7 @@ class SensorFlow(FlowModel):
         log_density_ratio = jnp.where(jnp.isfinite(current.residual), current.residual + self.uneven**2 / 2, 0.0)
         return log_density_ratio, self.model.sigma[counted % len(self.model.sigma)]
 
-    def _hours(self, start: Scalar, slot: Slots) -> tuple[Index, Slots, Hours]:
+    def _hours(self, start: Scalar, slot: Slots) -> tuple[Index, Slots, SlotHours]:
         """The hour whose middle comes before clock 0, and whole hours and fractions from there to middles of slots."""
         middle = start + (slot + 0.5) * (self.slot_seconds / HOUR) - 0.5
         first = jnp.floor(start - 0.5)
@@ -136,7 +139,7 @@ class SensorFlow(FlowModel):
 
         return at(self.model.expected) - self.uneven**2 / 2, at(self.model.sigma)
 
-    def _since(self, start: Scalar, slot: Slots) -> Hours:
+    def _since(self, start: Scalar, slot: Slots) -> SlotHours:
         """Hours from the first drawn residual to the middles of slots."""
         # Residuals are drawn at the middles of hours and linear in between. The first is that of the hour whose middle
         # comes before clock 0, or that of the counted hour, before which residuals are as counted.
@@ -145,7 +148,7 @@ class SensorFlow(FlowModel):
             return hour + fraction
         return jnp.maximum(self.current.since + (slot + 0.5) * (self.slot_seconds / HOUR), 0.0)
 
-    def _covariance(self, early: Float[Array, " #slots"], late: Hours) -> Levels:
+    def _covariance(self, early: Float[Array, " #slots"], late: SlotHours) -> Levels:
         """Covariance of residuals at two times (in hours since the first) in units of their standard deviations."""
         first, second = jnp.floor(early), jnp.floor(late)
         begun, passed, apart = ((early - first)[:, None], (late - second)[:, None], (second - first)[:, None])
@@ -155,9 +158,7 @@ class SensorFlow(FlowModel):
         outer, inner = (1 - begun) * passed, begun * (1 - passed)
         return phi**apart * (same + outer * phi) + inner * phi ** jnp.abs(apart - 1)
 
-    def _simulated(
-        self, key: Key[Array, ""], lasting: Float[Array, "future sensor"], hours: Float[Array, " future"], knots: int
-    ) -> tuple[Float[Array, "future sensor"], Float[Array, "future knot sensor"]]:
+    def _simulated(self, key: Key[Array, ""], lasting: Lasting, hours: Hours, knots: int) -> tuple[Lasting, Residuals]:
         """The lasting part, and residuals in units of their standard deviations at ``knots`` middles of hours."""
         phi, current = self.model.phi, self.current
         steps = knots if current is None else knots + 1  # since the counts may be of the hour before the first one
@@ -177,13 +178,10 @@ class SensorFlow(FlowModel):
         return lasting, chain[:, jnp.clip(after, 0, steps - 1)]
 
     @staticmethod
-    def _recorded(
-        record: Float[Array, "week 168 sensor"], key: Key[Array, ""], hours: Float[Array, " future"], knots: int
-    ) -> Float[Array, "future knot sensor"]:
+    def _recorded(record: Record, key: Key[Array, ""], hours: Hours, knots: int) -> Residuals:
         """Residuals as they were counted."""
-        weeks, _, sensors = record.shape
-        whole = record.reshape(weeks * HOURS_OF_WEEK, sensors)
-        week = jax.random.randint(key, hours.shape, 0, weeks)
+        whole = record.reshape(-1, record.shape[-1])
+        week = jax.random.randint(key, hours.shape, 0, len(record))
         first = week * HOURS_OF_WEEK + jnp.floor(hours - 0.5).astype(jnp.int32)
         # After the last hour of the record comes its first one, should anybody still walk then.
         return whole[(first[:, None] + jnp.arange(knots)) % len(whole)]

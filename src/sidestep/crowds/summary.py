@@ -8,22 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.crowds import arima, profile
-from sidestep.crowds.arima import Arima
-from sidestep.crowds.counts import (
-    AUCKLAND_SOURCE,
-    TEST,
-    TRAIN,
-    CountsError,
-    CountTable,
-    Period,
-    Repair,
-    load_auckland,
-    read_counts,
-)
+from sidestep.crowds import arima, counts, profile
+from sidestep.crowds.counts import CountsError, CountTable, Period, Repair
 from sidestep.crowds.profile import HOURS_OF_WEEK
 
 DEFAULT_SENSOR = "45 Queen Street"  # the one that the paper scenarios' model is fitted to
+Order = tuple[int, int | None, int]
+"""p, d and q of an ARIMA; with d None the data choose it."""
 PERSISTENCE, LAST_WEEK, PROFILE = "persistence", "same hour last week", "log hour-of-week profile + AR(1)"
 
 
@@ -37,7 +28,7 @@ class OneStepErrors:
     """Mean count of these hours, persons/h."""
     rmse: dict[str, float]
     """Root-mean-square error of each prediction on these hours, persons/h."""
-    arima_model: Arima
+    arima_model: arima.Arima
     """The fitted ARIMA."""
 
 
@@ -87,9 +78,7 @@ class CountSummary:
     """Root-mean-square error of the next hour's count by prediction, persons/h."""
 
 
-def summarise_counts(
-    file: Path | None, sensor: str | None, order: tuple[int, int | None, int], seed: int
-) -> CountSummary:
+def summarise_counts(file: Path | None, sensor: str | None, order: Order, seed: int) -> CountSummary:
     """Load Auckland's counts or a file, fit the models to one sensor and test them.
 
     Parameters
@@ -99,7 +88,7 @@ def summarise_counts(
     sensor
         By default the one that the paper's scenarios use, or the first of the file.
     order
-        p, d and q of the ARIMA; with d None the data choose it.
+        Of the ARIMA.
     seed
         Of the simulated week.
 
@@ -113,10 +102,10 @@ def summarise_counts(
     CountsError
         Counts that are not usable, or too few of them; an unknown sensor.
     """
-    table = load_auckland() if file is None else read_counts(file)
+    table = counts.load_auckland() if file is None else counts.read_counts(file)
     sensor = sensor or (DEFAULT_SENSOR if file is None else table.sensors[0])
     train, test = periods(table)
-    found = one_step_errors(table, sensor, train, test, *order)
+    found = one_step_errors(table, sensor, train, test, order)
     model = found.arima_model
     training = table.between(*train).series(sensor)
     innovations = jax.random.normal(jax.random.key(seed), (HOURS_OF_WEEK,))
@@ -148,21 +137,15 @@ def summarise_counts(
 
 def periods(table: CountTable) -> tuple[Period, Period]:
     """Where to train and where to test: `TRAIN` and `TEST` for Auckland, else the first four fifths and the rest."""
-    if table.source == AUCKLAND_SOURCE:
-        return TRAIN, TEST
+    if table.source == counts.AUCKLAND_SOURCE:
+        return counts.TRAIN, counts.TEST
     first, last = table.times[0], table.times[-1] + np.timedelta64(1, "h")
     border = table.times[len(table.times) * 4 // 5]
     return (str(first), str(border)), (str(border), str(last))
 
 
 def one_step_errors(
-    table: CountTable,
-    sensor: str,
-    train: Period = TRAIN,
-    test: Period = TEST,
-    p: int = 1,
-    d: int | None = 0,
-    q: int = 0,
+    table: CountTable, sensor: str, train: Period = counts.TRAIN, test: Period = counts.TEST, order: Order = (1, 0, 0)
 ) -> OneStepErrors:
     """Fit both models to a sensor's training period and predict every hour of its test period from the hours before.
 
@@ -172,8 +155,8 @@ def one_step_errors(
         Counts, and the sensor to predict.
     train, test
         First hour, and the one past the last (local wall time). The test may look back before its start, never ahead.
-    p, d, q
-        Order of the ARIMA; with d None the data choose it.
+    order
+        Of the ARIMA.
 
     Returns
     -------
@@ -190,12 +173,12 @@ def one_step_errors(
     # The hours before the test, long enough for the models to forget how they began.
     tested = table.between(first - np.timedelta64(2 * HOURS_OF_WEEK, "h"), test[1])
     series, learned = tested.series(sensor), training.series(sensor)
+    where = f"{table.source}: sensor {sensor!r}"
     try:
-        arima_model = arima.fit_arima(learned, p, d, q)
+        arima_model = arima.fit_arima(learned, *order)
         profile_model = profile.fit_profile(training.times, learned)
     except ValueError as error:
-        where = f"{table.source}: sensor {sensor!r}, {train[0]} to {train[1]}"
-        raise CountsError(f"{where}: {error}", field=sensor) from error
+        raise CountsError(f"{where}, {train[0]} to {train[1]}: {error}", field=sensor) from error
     hours = jnp.asarray(profile.hour_of_week(tested.times))
     predictions = {
         PERSISTENCE: _before(series, 1),
@@ -205,18 +188,10 @@ def one_step_errors(
     }
     usable = ~np.isnan(series + sum(predictions.values())) & (tested.times >= first)
     if not usable.any():
-        raise CountsError(
-            f"{table.source}: sensor {sensor!r}, {test[0]} to {test[1]}: no hour has a count and all predictions",
-            field=sensor,
-        )
-    return OneStepErrors(
-        hours=int(usable.sum()),
-        mean=float(series[usable].mean()),
-        rmse={
-            name: float(np.sqrt(np.mean((series - predicted)[usable] ** 2))) for name, predicted in predictions.items()
-        },
-        arima_model=arima_model,
-    )
+        nothing = f"{where}, {test[0]} to {test[1]}: no hour has a count and all predictions"
+        raise CountsError(nothing, field=sensor)
+    rmse = {name: float(np.sqrt(np.mean((series - each)[usable] ** 2))) for name, each in predictions.items()}
+    return OneStepErrors(int(usable.sum()), float(series[usable].mean()), rmse, arima_model)
 
 
 def _before(series: Float[np.ndarray, " hour"], lag: int) -> Float[np.ndarray, " hour"]:
