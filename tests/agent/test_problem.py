@@ -76,11 +76,11 @@ def test_in_towns_fresh_futures_are_others_at_the_same_sensors() -> None:
     with ThreadPoolExecutor(1) as executor:
         _, after = islice(problem.renewed(config.changed(rounds=2), town, here, params, 0, executor), 2)
     before, new = (each.futures.speeds.crowds for each in (params, after))
-    assert (np.asarray(new.sensed)[2:4] != np.asarray(before.sensed)[2:4]).all(axis=(1, 2)).all()
+    assert (np.asarray(new.counted)[2:4] != np.asarray(before.counted)[2:4]).all(axis=(1, 2)).all()
     kept = [0, 1, 4, 5, 6]  # the last three are those of the test walks
-    np.testing.assert_array_equal(new.sensed[jnp.array(kept)], before.sensed[jnp.array(kept)])
+    np.testing.assert_array_equal(new.counted[jnp.array(kept)], before.counted[jnp.array(kept)])
     assert eqx.tree_equal(new.weights, here.flow.weights)
-    assert new.sensed.shape[0] == config.futures + config.test_walks
+    assert new.counted.shape[0] == config.futures + config.test_walks
 
 
 def test_without_fresh_futures_nothing_is_renewed(renewals: Any) -> None:

@@ -285,7 +285,7 @@ def ahead(flow: ArimaFlow, now: jax.Array, slots: int = 4) -> jax.Array:
 
 @partial(jax.jit, static_argnames="slots")
 def expected(flow: ArimaFlow, slots: int = 4) -> jax.Array:
-    return flow.expected(jnp.zeros(3), slots).volume
+    return flow.expected(jnp.zeros(3), slots).counted
 
 
 def test_ahead_is_the_forecast(flow: ArimaFlow) -> None:
@@ -300,9 +300,9 @@ def test_ahead_is_the_forecast(flow: ArimaFlow) -> None:
 
 def test_crowds_start_at_their_volumes_and_never_leave_a_segment_empty(flow: ArimaFlow) -> None:
     field = flow.draw(jax.random.key(0), jnp.zeros(5), 3)
-    assert (field.volume.shape, field.slot_seconds) == ((5, 3, 2), 300)
-    assert field.volume[:, 0].tolist() == [[200, 900]] * 5
-    assert len(set(field.volume[:, 1, 0].tolist())) == 5
+    assert (field.counted.shape, field.slot_seconds) == ((5, 3, 2), 300)
+    assert field.counted[:, 0].tolist() == [[200, 900]] * 5
+    assert len(set(field.counted[:, 1, 0].tolist())) == 5
     assert expected(ArimaFlow(jnp.zeros(2), flow.model))[0, 0].tolist() == [1, 1]
 
 

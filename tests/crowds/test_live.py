@@ -50,12 +50,12 @@ def hour(futures: SensorFlow):
 
 @partial(jax.jit, static_argnames="slots")
 def forecast(futures: SensorFlow, slots: int = SLOTS):
-    return futures.expected(hour(futures)[None], slots).sensed[0]
+    return futures.expected(hour(futures)[None], slots).counted[0]
 
 
 @partial(jax.jit, static_argnames="slots")
 def draw(futures: SensorFlow, seed: int = 0, slots: int = SLOTS):
-    return futures.draw(jax.random.key(seed), jnp.full(CROWDS, hour(futures)), slots).sensed
+    return futures.draw(jax.random.key(seed), jnp.full(CROWDS, hour(futures)), slots).counted
 
 
 @partial(jax.jit, static_argnames="slots")
@@ -152,7 +152,7 @@ def test_without_any_count_nothing_changes() -> None:
     @jax.jit
     def without(futures: SensorFlow):
         plain, hours = replace(futures, current=None), jnp.full(CROWDS, hour(futures))
-        return plain.expected(hours[:1], SLOTS).sensed[0], plain.draw(jax.random.key(2), hours, SLOTS).sensed
+        return plain.expected(hours[:1], SLOTS).counted[0], plain.draw(jax.random.key(2), hours, SLOTS).counted
 
     mean, drawn = without(unknown)
     assert forecast(unknown) == pytest.approx(np.asarray(mean))

@@ -25,13 +25,13 @@ def rush(
 
 @partial(jax.jit, static_argnames=("slots", "futures"))
 def draw(flow: RushFlow | ShiftingFlow, key: jax.Array, slots: int, futures: int = MANY) -> jax.Array:
-    return flow.draw(key, jnp.zeros(futures), slots).volume
+    return flow.draw(key, jnp.zeros(futures), slots).counted
 
 
 @partial(jax.jit, static_argnames="slots")
 def expected(flow: RushFlow | ShiftingFlow, slots: int) -> jax.Array:
     """Of the single field: these crowds know no hours."""
-    (volume,) = flow.expected(jnp.zeros(7), slots).volume
+    (volume,) = flow.expected(jnp.zeros(7), slots).counted
     return volume
 
 

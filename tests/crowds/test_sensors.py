@@ -23,12 +23,12 @@ MANY = 4_000
 @partial(jax.jit, static_argnames=("futures", "slots"))
 def draw(flow: SensorFlow, hours: jax.Array, key: jax.Array = KEY, *, futures: int = MANY, slots: int = 4) -> jax.Array:
     """As many futures and slots in most tests, so that they share compiled programs; they take the hours in turn."""
-    return flow.draw(key, jnp.resize(hours, futures), slots).sensed
+    return flow.draw(key, jnp.resize(hours, futures), slots).counted
 
 
 @partial(jax.jit, static_argnames="slots")
 def expected(flow: SensorFlow, hours: jax.Array, *, slots: int = 4) -> jax.Array:
-    return flow.expected(hours, slots).sensed
+    return flow.expected(hours, slots).counted
 
 
 @partial(jax.jit, static_argnames="slots")
@@ -131,7 +131,7 @@ def test_it_depends_on_the_hour_and_gives_densities_at_sensors() -> None:
     assert flow.covers(100.5)
     field = jax.eval_shape(lambda: flow.draw(KEY, jnp.zeros(5), 3))
     assert isinstance(field, SensedField)
-    assert (field.sensed.shape, field.slot_seconds) == ((5, 3, 2), HOUR / 2)
+    assert (field.counted.shape, field.slot_seconds) == ((5, 3, 2), HOUR / 2)
 
 
 def test_pieces_of_a_segment_are_as_dense_as_the_whole() -> None:

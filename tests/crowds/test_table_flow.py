@@ -16,12 +16,12 @@ VOLUME = jnp.array([[1.0, 0.0], [2.0, 0.0], [3.0, 10.0]])
 
 @partial(jax.jit, static_argnames="slots")
 def expected(flow: TableFlow, hours: list[float], slots: int) -> jax.Array:
-    return flow.expected(jnp.array(hours), slots).volume
+    return flow.expected(jnp.array(hours), slots).counted
 
 
 @partial(jax.jit, static_argnames="slots")
 def draw(flow: TableFlow, hours: jax.Array, slots: int) -> jax.Array:
-    return flow.draw(jax.random.key(3), hours, slots).volume
+    return flow.draw(jax.random.key(3), hours, slots).counted
 
 
 @partial(jax.jit, static_argnames="slots")

@@ -61,7 +61,7 @@ def test_density_is_volume_over_area() -> None:
     # 600 / (300 * 2) = 1;  50 / (500 * 1) = .1;  4 / (400 * .5) = .02
     density = field.density(triangle(width=[2, 1, 0.5, 1]))
     np.testing.assert_allclose(density, [[0.5, 1, 2, 1], [1, 0.1, 0.02, 0]], rtol=1e-6)
-    futures = FlowField(jnp.stack([field.volume, 2 * field.volume]))
+    futures = FlowField(jnp.stack([field.counted, 2 * field.counted]))
     np.testing.assert_allclose(futures.density(triangle())[1], 2 * field.density(triangle()), rtol=1e-6)
 
 

@@ -100,9 +100,9 @@ AHEAD = jax.jit(TableFlow.ahead, static_argnums=4)
 )
 def test_crowds_without_noise_are_the_table(volume: np.ndarray, seed: int) -> None:
     flow, slots = TableFlow(0.9, 0.0, 300.0, jnp.asarray(volume), 300.0), len(volume)
-    drawn = np.asarray(flow.draw(jax.random.key(seed), jnp.zeros(2), slots).volume)
+    drawn = np.asarray(flow.draw(jax.random.key(seed), jnp.zeros(2), slots).counted)
     np.testing.assert_array_equal(drawn, np.stack([volume, volume]))
-    np.testing.assert_array_equal(flow.expected(jnp.zeros(1), slots).volume[0], volume)
+    np.testing.assert_array_equal(flow.expected(jnp.zeros(1), slots).counted[0], volume)
     ahead = AHEAD(flow, jnp.asarray(volume[0]), jnp.float32(0), jnp.int32(0), slots)
     np.testing.assert_allclose(ahead, volume, rtol=1e-5)
 

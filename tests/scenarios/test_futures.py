@@ -78,8 +78,8 @@ def test_what_is_expected_does_not_depend_on_the_purpose(scenario_map, params_of
 
 def test_futures_vary_about_what_is_expected(scenario_map) -> None:
     slots = 12
-    expected = np.asarray(scenario_map.flow.expected(ANY_HOUR, slots).volume)[0]
-    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(400), slots).volume)
+    expected = np.asarray(scenario_map.flow.expected(ANY_HOUR, slots).counted)[0]
+    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(400), slots).counted)
     assert expected.shape == (slots, 24)
     assert drawn.shape == (400, slots, 24)
     assert np.ptp(drawn[:, 0], axis=0).max() == 0
@@ -103,7 +103,7 @@ def test_slot_0_is_the_crowd_of_the_map(scenario_map, params_of_test) -> None:
         scenario_map.flow.expected(ANY_HOUR, 12),
         scenario_map.flow.draw(jax.random.key(1), jnp.zeros(3), 12),
     ):
-        assert (np.moveaxis(np.asarray(field.volume), -2, 0)[0] == volumes(scenario_map)).all()
+        assert (np.moveaxis(np.asarray(field.counted), -2, 0)[0] == volumes(scenario_map)).all()
     # x0 (p/d)^-0.8
     speed = 1.34 * (volumes(scenario_map) / np.asarray(scenario_map.network.length)) ** -0.8
     np.testing.assert_allclose(params_of_test.expected.speed[0, :, 0], speed, rtol=1e-5)

@@ -172,7 +172,7 @@ def test_shifting_crowds_are_elsewhere_in_every_future() -> None:
     assert (scenario_map.network.length == draw_map(fixed, 0).network.length).all()
     # Nobody's streets are crowded in ordinary: nobody can know where they will be.
     assert float(scenario_map.flow.ordinary.base.max()) <= 1000
-    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(4), 1).volume)[:, 0]
+    drawn = np.asarray(scenario_map.flow.draw(jax.random.key(0), jnp.zeros(4), 1).counted)[:, 0]
     ordinary = scenario_map.flow.ordinary
     wave = np.asarray(ordinary.median(jnp.float32(0), jnp.array([0]))[0] / ordinary.base)
     # exp(.4 * 2) = 2.2 times 1,000 is little for a crowded street

@@ -1,6 +1,7 @@
 """Speed laws by hand (eqs. 3 and 4), crossings by hand, and what must hold for any speeds (FIFO)."""
 
 from functools import partial
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -12,17 +13,11 @@ from hypothesis.extra import numpy as hnp
 
 from sidestep.crowds.base import FlowField
 from sidestep.network.graph import road_network
-from sidestep.walking.crossing_time import (
-    CROSSING_RULES,
-    CrossingRule,
-    crossing_time,
-    crossing_times,
-    exposure,
-    leaving_clock,
-)
+from sidestep.walking.crossing_time import CrossingRule, crossing_time, crossing_times, exposure, leaving_clock
 from sidestep.walking.speed_field import dense_speeds, speed_field, walking_speeds
 from sidestep.walking.speed_laws import LAWS, Aoki, SpeedLaw, Weidmann
 
+CROSSING_RULES = get_args(CrossingRule)
 SLOTS = 6
 EPS = float(np.finfo(np.float32).eps)
 
@@ -92,7 +87,7 @@ def test_the_denser_the_slower(law: SpeedLaw, densities: np.ndarray) -> None:
 def test_crossing_time_eq_4(persons: float, metres: float, seconds: float, rule: CrossingRule) -> None:
     network = road_network(np.zeros((2, 2)), tail=[0], head=[1], length=[metres])
     field = dense_speeds(network, FlowField(jnp.full((3, 1), persons, float)), Aoki(capped=False))
-    assert float(crossing_time(field.segment(jnp.int32(0)), network.length[0], jnp.float32(0), rule)) == pytest.approx(
+    assert float(crossing_time(field.of(jnp.int32(0)), network.length[0], jnp.float32(0), rule)) == pytest.approx(
         seconds, rel=1e-5
     )
 
@@ -125,7 +120,7 @@ HAND = speed_field(jnp.array([[1.0, 2.0, 0.5], [4.0, 4.0, 4.0]]), 10.0)
 
 
 def cross(clock: float, metres: float, rule: CrossingRule = "integrated", segment: int = 0) -> float:
-    return float(crossing_time(HAND.segment(jnp.int32(segment)), jnp.float32(metres), jnp.float32(clock), rule))
+    return float(crossing_time(HAND.of(jnp.int32(segment)), jnp.float32(metres), jnp.float32(clock), rule))
 
 
 @pytest.mark.parametrize(
@@ -170,7 +165,7 @@ def test_each_segment_has_its_own_speeds() -> None:
 
 
 def test_integrated_is_the_default() -> None:
-    assert float(crossing_time(HAND.segment(jnp.int32(0)), jnp.float32(30), jnp.float32(5))) == pytest.approx(25)
+    assert float(crossing_time(HAND.of(jnp.int32(0)), jnp.float32(30), jnp.float32(5))) == pytest.approx(25)
 
 
 def test_under_the_entry_rule_one_may_leave_earlier_by_entering_later() -> None:
@@ -178,7 +173,7 @@ def test_under_the_entry_rule_one_may_leave_earlier_by_entering_later() -> None:
     clearing = speed_field(jnp.array([[0.1, 10.0]]), 10.0)
 
     def leave(clock: float, rule: CrossingRule) -> float:
-        return clock + float(crossing_time(clearing.segment(jnp.int32(0)), jnp.float32(10), jnp.float32(clock), rule))
+        return clock + float(crossing_time(clearing.of(jnp.int32(0)), jnp.float32(10), jnp.float32(clock), rule))
 
     assert leave(9, "entry") == pytest.approx(109)
     assert leave(10, "entry") == pytest.approx(11)

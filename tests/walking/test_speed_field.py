@@ -69,8 +69,8 @@ def test_crowds_behind_speeds() -> None:
     np.testing.assert_allclose(dense.field(LINE).counted, VOLUME, rtol=1e-6)
     few = sensed(np.arange(24).reshape(2, 4, 3) / 10, LINE_SPREAD)
     assert (few.interpolated, few.keeps_density) == (True, True)
-    np.testing.assert_array_equal(few.field(LINE).counted, few.crowds.sensed)
-    np.testing.assert_array_equal(walking_speeds(LINE, few.crowds, LAW).crowds.sensed, few.crowds.sensed)
+    np.testing.assert_array_equal(few.field(LINE).counted, few.crowds.counted)
+    np.testing.assert_array_equal(walking_speeds(LINE, few.crowds, LAW).crowds.counted, few.crowds.counted)
     without = dense_speeds(LINE, FlowField(VOLUME, SLOT), LAW)
     assert not without.keeps_density
     with pytest.raises(ValueError, match="made without their densities"):
@@ -82,7 +82,7 @@ def test_the_first_futures_and_slots() -> None:
     for name in ("speed", "covered", "density"):
         np.testing.assert_array_equal(getattr(dense.first(1, 3), name), np.asarray(getattr(dense, name))[:1, :, :3])
     few = sensed(np.arange(24).reshape(2, 4, 3) / 10, LINE_SPREAD)
-    np.testing.assert_array_equal(few.first(1, 3).crowds.sensed, np.asarray(few.crowds.sensed)[:1, :3])
+    np.testing.assert_array_equal(few.first(1, 3).crowds.counted, np.asarray(few.crowds.counted)[:1, :3])
     assert (few.first().count, few.first().slots) == (dense.first().count, dense.first().slots) == (2, 4)
 
 
@@ -97,13 +97,13 @@ def test_replaced_futures() -> None:
     weights = InterpolationWeights(LINE_SPREAD.sensor, 0 * LINE_SPREAD.weight)
     after = few.replaced(sensed(np.full((2, 4, 3), 0.7), weights), jnp.array([2, 0]))
     np.testing.assert_array_equal(after.crowds.weights.weight, LINE_SPREAD.weight)
-    np.testing.assert_array_equal(after.crowds.sensed[1], few.crowds.sensed[1])
-    np.testing.assert_array_equal(after.crowds.sensed[::2], jnp.full((2, 4, 3), 0.7))
+    np.testing.assert_array_equal(after.crowds.counted[1], few.crowds.counted[1])
+    np.testing.assert_array_equal(after.crowds.counted[::2], jnp.full((2, 4, 3), 0.7))
 
 
 def test_denser_crowds() -> None:
     few = sensed(np.arange(24).reshape(2, 4, 3) / 10, LINE_SPREAD)
-    np.testing.assert_array_equal(few.scaled(1.5).crowds.sensed, 1.5 * few.crowds.sensed)
+    np.testing.assert_array_equal(few.scaled(1.5).crowds.counted, 1.5 * few.crowds.counted)
 
 
 def test_sensed_speeds_by_hand() -> None:

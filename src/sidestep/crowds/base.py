@@ -1,7 +1,6 @@
 """Crowds on a whole network: how many people are on each segment in each slot."""
 
 from abc import abstractmethod
-from dataclasses import replace
 from typing import ClassVar, Literal
 
 import equinox as eqx
@@ -28,27 +27,18 @@ class FlowField(eqx.Module):
 
     interpolated: ClassVar[Literal[False]] = False
     """Whether densities follow from those at a few sensors."""
-    volume: Float[Array, "*future slot segment"]
-    """Persons, positive."""
+    counted: Float[Array, "*future slot segment"]
+    """What counters on all segments would count: persons, positive."""
     slot_seconds: float = eqx.field(static=True, default=SLOT_SECONDS)
     """Length of a slot."""
 
-    @property
-    def counted(self) -> Float[Array, "*future slot segment"]:
-        """What counters on all segments would count: volumes in persons."""
-        return self.volume
-
     def flow_matrix(self, network: RoadNetwork, slot: int) -> Float[Array, "node node"]:
         """The paper's P of one slot (eq. 2): persons from node i to node j, -1 where there is no segment."""
-        return network.matrix(self.volume[slot])
+        return network.matrix(self.counted[slot])
 
     def density(self, network: RoadNetwork) -> Float[Array, "*future slot segment"]:
         """Densities in persons/m² on all segments."""
-        return self.volume / (network.length * network.width)
-
-    def with_counted(self, counted: Float[Array, "*future slot segment"]) -> "FlowField":
-        """A field with other volumes."""
-        return replace(self, volume=counted)
+        return self.counted / (network.length * network.width)
 
 
 class SensedField(eqx.Module):
@@ -56,39 +46,30 @@ class SensedField(eqx.Module):
 
     interpolated: ClassVar[Literal[True]] = True
     """Whether densities follow from those at a few sensors."""
-    sensed: Float[Array, "*future slot sensor"]
-    """Persons/m²."""
+    counted: Float[Array, "*future slot sensor"]
+    """What all counters count: densities in persons/m²."""
     weights: InterpolationWeights
     """How densities on the segments follow from those at the sensors."""
     slot_seconds: float = eqx.field(static=True)
     """Length of a slot."""
 
-    @property
-    def counted(self) -> Float[Array, "*future slot sensor"]:
-        """What all counters count: densities at the sensors in persons/m²."""
-        return self.sensed
-
     def density(self, _network: RoadNetwork) -> Float[Array, "*future slot segment"]:
         """Densities in persons/m² on all segments."""
-        return self.weights.everywhere(self.sensed)
+        return self.weights.everywhere(self.counted)
 
     def density_at(self, future: Int[Array, ""], segment: Int[Array, "*n"], slot: Int[Array, ""]) -> Float[Array, "*n"]:
         """Densities in persons/m² on some segments in one slot of one future."""
         near = self.weights.of(segment)
-        return (near.weight * self.sensed[future, slot, near.sensor]).sum(axis=-1)
+        return (near.weight * self.counted[future, slot, near.sensor]).sum(axis=-1)
 
     def densities(self, future: Int[Array, ""], segment: Int[Array, ""]) -> Float[Array, " slot"]:
         """Densities in persons/m² on one segment in all slots of one future."""
         near = self.weights.of(segment)
-        return near.weight @ self.sensed[future, :, near.sensor]
-
-    def with_counted(self, counted: Float[Array, "*future slot sensor"]) -> "SensedField":
-        """A field with other densities at the sensors."""
-        return replace(self, sensed=counted)
+        return near.weight @ self.counted[future, :, near.sensor]
 
 
 Field = FlowField | SensedField
-"""Type checkers tell the two apart by ``interpolated``; both have ``counted``, ``density`` and ``with_counted``."""
+"""Type checkers tell the two apart by ``interpolated``; both have ``counted`` and ``density``."""
 
 
 class FlowModel(eqx.Module):

@@ -178,7 +178,7 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         node, clock, path, steps = carry
         onto, segment = network.exit_node[node], network.exit_segment[node]
-        ahead = jax.vmap(lambda one: cross_at_speeds(params, field.segment(one), wait, one, clock))(segment)
+        ahead = jax.vmap(lambda one: cross_at_speeds(params, field.of(one), wait, one, clock))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
         best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
         return onto[best], clock + ahead.seconds[best], path.at[steps].set(best), steps + 1

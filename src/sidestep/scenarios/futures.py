@@ -234,7 +234,7 @@ def _drawn(crowds: _Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant
 
 def _live_cost_to_go(crowds: _Crowds, params: EnvParams, field: Field) -> LiveCostToGo:
     def ahead(now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""]) -> SpeedField:
-        forecast = field.with_counted(crowds.flow.ahead(now, hour, slot, WINDOW))
+        forecast = replace(field, counted=crowds.flow.ahead(now, hour, slot, WINDOW))
         return dense_speeds(params.network, forecast, crowds.law, densities=params.objective.needs_density)
 
     return live_cost_to_go(params, field.counted, ahead)

@@ -1,23 +1,25 @@
 """How long a segment takes to cross while the crowd on it changes, and how much of that crowd is met."""
 
-from typing import Literal, get_args
+from collections.abc import Callable
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.walking.speed_field import SpeedField, Speeds
+from sidestep.crowds.base import Index, Scalar
+from sidestep.walking.speed_field import Numbers, SpeedField, Speeds
 
 CrossingRule = Literal["integrated", "entry"]
 """``entry`` (the paper, eq. 4) keeps the speed at entry to the end; ``integrated`` walks through the slots that the
 crossing spans, each at its own speed, so that nobody who enters later leaves earlier (FIFO)."""
-CROSSING_RULES: tuple[str, ...] = get_args(CrossingRule)
+
+Segments = Float[Array, " segment"]
+SlotBySlot = Float[Array, "slot segment"]
 
 
-def crossing_time(
-    segment: SpeedField, length: Float[Array, ""], clock: Float[Array, ""], rule: CrossingRule = "integrated"
-) -> Float[Array, ""]:
-    """Seconds to cross a segment.
+def crossing_time(segment: SpeedField, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated") -> Scalar:
+    """Time to cross a segment.
 
     Parameters
     ----------
@@ -29,6 +31,11 @@ def crossing_time(
         When it is entered, in s since the scenario's start.
     rule
         How speeds that change during the crossing count.
+
+    Returns
+    -------
+    seconds
+        From entering to leaving.
     """
     speed, covered, slot_seconds = segment.speed, segment.covered, segment.slot_seconds
     last = segment.slots - 1
@@ -41,9 +48,7 @@ def crossing_time(
     return then * slot_seconds + (end - covered[then]) / speed[then] - clock
 
 
-def exposure(
-    density: Float[Array, "*n slot"], slot_seconds: float, begin: Float[Array, "*n"], end: Float[Array, "*n"]
-) -> Float[Array, "*n"]:
+def exposure(density: Float[Array, "*n slot"], slot_seconds: float, begin: Numbers, end: Numbers) -> Numbers:
     """Crowd met on segments from one clock to another: the integral of their density, in person·s/m²."""
     slot = jnp.arange(density.shape[-1])
     upto = jnp.where(slot < density.shape[-1] - 1, (slot + 1) * slot_seconds, jnp.inf)
@@ -51,66 +56,77 @@ def exposure(
     return jnp.sum(density * jnp.maximum(there, 0.0), axis=-1)
 
 
-_Slots = tuple[
-    Int[Array, ""], Int[Array, " segment"], Float[Array, " segment"], Float[Array, " segment"]
-]  # a slot; up to it the latest that each segment is walked in, with its speed and the metres covered before it
+_Slots = tuple[Index, Int[Array, " segment"], Segments, Segments]
+"""A slot; up to it the latest that each segment is walked in, with its speed and the metres covered before it."""
 
 
 def crossing_times(
-    speed: Float[Array, "slot segment"],
-    covered: Float[Array, "slot segment"],
-    slot_seconds: float,
-    length: Float[Array, " segment"],
-    clock: Float[Array, " segment"],
-    rule: CrossingRule = "integrated",
-) -> Float[Array, " segment"]:
+    speed: SlotBySlot, covered: SlotBySlot, slot_seconds: float, length: Segments, clock: Segments, rule: CrossingRule
+) -> Segments:
     """:func:`crossing_time` of all segments at once, each entered at its own clock; slots come first.
 
     The same to the bit, but slot by slot for all segments instead of through the whole row of each: few slots are
     spanned, and the numbers of a slot lie together in memory.
+
+    Parameters
+    ----------
+    speed, covered, slot_seconds
+        As in a :class:`SpeedField`.
+    length, clock
+        Length in m of each segment, and when it is entered, in s since the scenario's start.
+    rule
+        How speeds that change during the crossing count.
+
+    Returns
+    -------
+    seconds
+        From entering to leaving each.
     """
     last = len(speed) - 1
     now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
     first = jnp.min(now)
 
-    def onward(carry: _Slots, goes: Bool[Array, " segment"]) -> _Slots:
-        slot, *old = carry
-        new = (jnp.full_like(now, slot + 1), speed[slot + 1], covered[slot + 1])
-        return slot + 1, *(jnp.where(goes, *each) for each in zip(new, old, strict=True))  # type: ignore[return-value]
+    def further(start: _Slots, goes: Callable[[Index], Bool[Array, " segment"]]) -> _Slots:
+        """Go on from slot to slot as long as any segment ``goes``; those that do not keep what they have."""
+
+        def onward(carry: _Slots) -> _Slots:
+            slot, *old = carry
+            new = (jnp.full_like(now, slot + 1), speed[slot + 1], covered[slot + 1])
+            kept = (jnp.where(goes(slot), *each) for each in zip(new, old, strict=True))
+            return slot + 1, *kept  # type: ignore[return-value]
+
+        return jax.lax.while_loop(lambda carry: (carry[0] < last) & goes(carry[0]).any(), onward, start)
 
     # To the slot in which each segment is entered, nearly always the first one, and on to that in which it is left.
-    entered = jax.lax.while_loop(
-        lambda carry: carry[0] < jnp.max(now),
-        lambda carry: onward(carry, carry[0] < now),
-        (first, jnp.full_like(now, first), speed[first], covered[first]),
-    )
+    entered = further((first, jnp.full_like(now, first), speed[first], covered[first]), lambda slot: slot < now)
     if rule == "entry":
         return length / entered[2]
     end = entered[3] + entered[2] * (clock - now * slot_seconds) + length
-
-    def further(slot: Int[Array, ""]) -> Bool[Array, " segment"]:
-        return covered[jnp.minimum(slot + 1, last)] <= end
-
-    _, then, at, before = jax.lax.while_loop(
-        lambda carry: (carry[0] < last) & further(carry[0]).any(),
-        lambda carry: onward(carry, further(carry[0])),
-        (first, *entered[1:]),
-    )
+    _, then, at, before = further((first, *entered[1:]), lambda slot: covered[jnp.minimum(slot + 1, last)] <= end)
     return then * slot_seconds + (end - before) / at - clock
 
 
 def leaving_clock(
-    speeds: Speeds,
-    future: Int[Array, ""],
-    segment: Int[Array, ""],
-    length: Float[Array, ""],
-    clock: Float[Array, ""],
-    rule: CrossingRule = "integrated",
-) -> Float[Array, ""]:
+    speeds: Speeds, future: Index, segment: Index, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated"
+) -> Scalar:
     """Clock at the end of a segment that is entered at ``clock``, in one of several futures.
 
     The same as :func:`crossing_time` later, but it looks only at the slots that the crossing spans, nearly always one
     or two of them.
+
+    Parameters
+    ----------
+    speeds, future, segment
+        Speeds, and which of them count.
+    length, clock
+        Length of the segment in m, and when it is entered, in s since the scenario's start.
+    rule
+        How speeds that change during the crossing count.
+
+    Returns
+    -------
+    clock
+        In s since the scenario's start.
     """
     last, slot_seconds = speeds.slots - 1, speeds.slot_seconds
     slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
@@ -126,5 +142,4 @@ def leaving_clock(
         return slot + 1, jnp.where(over, now + left / speed, ends), left - ahead, over
 
     start = (slot, clock, length, jnp.bool_(False))
-    _, left_at, _, _ = jax.lax.while_loop(lambda carry: ~carry[3], walk, start)
-    return left_at
+    return jax.lax.while_loop(lambda carry: ~carry[3], walk, start)[1]

@@ -14,7 +14,6 @@ PENALTY_SECONDS = 3600.0
 
 Scalar = Float[Array, ""]
 Numbers = Float[Array, "*n"]
-Flags = Bool[Array, "*n"]
 Deferred = Callable[[], Numbers]
 """Numbers that are worked out only for the objectives that need them."""
 
@@ -60,6 +59,11 @@ class TravelTime(eqx.Module):
             The density integrated over that time, in person·s/m².
         density
             The density at entry, in persons/m².
+
+        Returns
+        -------
+        crossing
+            With the measures that this objective counts.
         """
         return Crossing(seconds, seconds, {})
 
@@ -67,7 +71,7 @@ class TravelTime(eqx.Module):
         """Cost of a step during which a walker's clock has gone on by ``elapsed`` seconds, rounding included."""
         return elapsed
 
-    def walk_cost(self, _total: Numbers, seconds: Numbers, _arrived: Flags, _horizon: Scalar) -> Numbers:
+    def walk_cost(self, _total: Numbers, seconds: Numbers, _arrived: Bool[Array, "*n"], _horizon: Scalar) -> Numbers:
         """Cost of a walk from the total of its steps and its travel time, which is the horizon if it did not arrive."""
         return seconds
 
@@ -121,7 +125,7 @@ class WeightedObjective(eqx.Module):
     def step_cost(self, crossed: Crossing, _elapsed: Numbers) -> Numbers:
         return crossed.cost
 
-    def walk_cost(self, total: Numbers, _seconds: Numbers, arrived: Flags, horizon: Scalar) -> Numbers:
+    def walk_cost(self, total: Numbers, _seconds: Numbers, arrived: Bool[Array, "*n"], horizon: Scalar) -> Numbers:
         return total + jnp.where(arrived, 0.0, horizon)
 
     def waiting(self, seconds: Numbers, density: Deferred) -> Numbers:

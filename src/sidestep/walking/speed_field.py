@@ -1,5 +1,6 @@
 """Walking speeds on every segment in every slot: as a table, or worked out from counters where they are needed."""
 
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import equinox as eqx
@@ -7,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sidestep.crowds.base import Field, FlowField, SensedField
+from sidestep.crowds.base import Field, FlowField, Index, SensedField
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.speed_laws import SpeedLaw
 
-Index = Int[Array, ""]
 Segments = Int[Array, "*n"]
 Numbers = Float[Array, "*n"]
+Table = Float[Array, "*future_segment slot"]
 
 
 class SpeedField(eqx.Module):
@@ -25,13 +26,13 @@ class SpeedField(eqx.Module):
     interpolated: ClassVar[Literal[False]] = False
     """Whether speeds follow from the densities at a few counters."""
 
-    speed: Float[Array, "*future_segment slot"]
+    speed: Table
     """Walking speed in m/s."""
-    covered: Float[Array, "*future_segment slot"]
+    covered: Table
     """Metres walked on the segment from clock 0 to the slot's beginning."""
     slot_seconds: float = eqx.field(static=True)
     """Length of a slot in s."""
-    density: Float[Array, "*future_segment slot"] | None = None
+    density: Table | None = None
     """Persons/m²; None where they were not kept."""
 
     @property
@@ -50,8 +51,13 @@ class SpeedField(eqx.Module):
         return self.speed.shape[0]
 
     @property
-    def known_density(self) -> Float[Array, "*future_segment slot"]:
-        """Densities in persons/m².
+    def known_density(self) -> Table:
+        """Densities.
+
+        Returns
+        -------
+        density
+            Persons/m².
 
         Raises
         ------
@@ -63,12 +69,8 @@ class SpeedField(eqx.Module):
         return self.density
 
     def of(self, future: Index) -> "SpeedField":
-        """Speeds on all segments in one of the futures."""
+        """Speeds on all segments in one of the futures or, where there is no axis of futures, on one segment."""
         return jax.tree.map(lambda leaf: leaf[future], self)
-
-    def segment(self, segment: Index) -> "SpeedField":
-        """Speeds on one segment, where there is no axis of futures."""
-        return self.of(segment)
 
     def row(self, future: Index, segment: Index) -> "SpeedField":
         """Speeds on one segment in one of the futures."""
@@ -116,14 +118,14 @@ class SensedSpeeds(eqx.Module):
 
     @property
     def slots(self) -> int:
-        return self.crowds.sensed.shape[1]
+        return self.crowds.counted.shape[1]
 
     @property
     def count(self) -> int:
-        return self.crowds.sensed.shape[0]
+        return self.crowds.counted.shape[0]
 
     def of(self, future: Index) -> SpeedField:
-        density = self.crowds.weights.everywhere(self.crowds.sensed[future])
+        density = self.crowds.weights.everywhere(self.crowds.counted[future])
         return speed_field(self.law.speed(density).T, self.slot_seconds, density.T)
 
     def row(self, future: Index, segment: Index) -> SpeedField:
@@ -137,20 +139,20 @@ class SensedSpeeds(eqx.Module):
         return self.crowds.density_at(future, segment, slot)
 
     def first(self, futures: int | None = None, slots: int | None = None) -> "SensedSpeeds":
-        return self._of(self.crowds.sensed[:futures, :slots])
+        return self._of(self.crowds.counted[:futures, :slots])
 
     def replaced(self, speeds: Any, index: Int[Array, " new"]) -> "SensedSpeeds":
-        return self._of(self.crowds.sensed.at[index].set(speeds.crowds.sensed))
+        return self._of(self.crowds.counted.at[index].set(speeds.crowds.counted))
 
     def scaled(self, factor: float) -> "SensedSpeeds":
         """Speeds in crowds ``factor`` times as dense."""
-        return self._of(factor * self.crowds.sensed)
+        return self._of(factor * self.crowds.counted)
 
     def field(self, _network: RoadNetwork) -> SensedField:
         return self.crowds
 
-    def _of(self, sensed: Float[Array, "future slot sensor"]) -> "SensedSpeeds":
-        return SensedSpeeds(self.crowds.with_counted(sensed), self.law)
+    def _of(self, counted: Float[Array, "future slot sensor"]) -> "SensedSpeeds":
+        return SensedSpeeds(replace(self.crowds, counted=counted), self.law)
 
 
 Speeds = SpeedField | SensedSpeeds
@@ -168,6 +170,11 @@ def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densit
         Speed by density.
     densities
         Whether densities are kept beside speeds; where crowds are interpolated they always are.
+
+    Returns
+    -------
+    speeds
+        A table, or what works them out from the counters.
     """
     if crowds.interpolated:
         return SensedSpeeds(crowds, law)
@@ -181,11 +188,7 @@ def dense_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densitie
     return speed_field(speed, crowds.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)
 
 
-def speed_field(
-    speed: Float[Array, "*future_segment slot"],
-    slot_seconds: float,
-    density: Float[Array, "*future_segment slot"] | None = None,
-) -> SpeedField:
+def speed_field(speed: Table, slot_seconds: float, density: Table | None = None) -> SpeedField:
     """Prepare speeds (m/s, positive) for crossing times; ``slot_seconds`` is the length of a slot."""
     after = jnp.cumsum(speed * slot_seconds, axis=-1)
     covered = jnp.concatenate([jnp.zeros_like(after[..., :1]), after[..., :-1]], axis=-1)

@@ -13,6 +13,9 @@ FREE_SPEED = 1.34  # m/s, the paper's x0 and Weidmann's mean
 class SpeedLaw(eqx.Module):
     """Walking speed as a function of density."""
 
+    free_speed: float = eqx.field(static=True, default=FREE_SPEED)
+    """Speed in an empty street, m/s."""
+
     def speed(self, density: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Speed in m/s at a density in persons/m²."""
         raise NotImplementedError
@@ -24,7 +27,6 @@ class Aoki(SpeedLaw):
     It exceeds the free speed below one person per m²; ``capped`` holds it there, the paper does not.
     """
 
-    free_speed: float = eqx.field(static=True, default=FREE_SPEED)
     exponent: float = eqx.field(static=True, default=0.8)
     capped: bool = eqx.field(static=True, default=True)
 
@@ -39,7 +41,6 @@ class Weidmann(SpeedLaw):
     The law itself reaches zero at the jam density of 5.4 persons/m²; the floor keeps travel times finite.
     """
 
-    free_speed: float = eqx.field(static=True, default=FREE_SPEED)
     steepness: float = eqx.field(static=True, default=1.913)
     jam_density: float = eqx.field(static=True, default=5.4)
     floor: float = eqx.field(static=True, default=0.05)
@@ -52,19 +53,26 @@ class Weidmann(SpeedLaw):
 DENSEST = 12.0  # persons/m²; nobody has counted more
 
 
-_HALVINGS = 32  # of 0 to DENSEST: finer than single precision tells apart
-
-
 def density_at_speed(law: SpeedLaw, speed: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """The lowest density in persons/m² at which people walk at a speed in m/s or slower, by bisection.
 
     It is 0 where the speed is that of an empty street or faster. Where the law knows no speed as low, it is the lowest
     density of the law's lowest speed up to ``DENSEST``: for Weidmann's law 4.88, where its floor begins.
+
+    Parameters
+    ----------
+    law, speed
+        The law, and speeds in m/s.
+
+    Returns
+    -------
+    density
+        Persons/m².
     """
     each, place = np.unique(np.asarray(speed, np.float32), return_inverse=True)
     wanted = jnp.maximum(jnp.asarray(each), law.speed(jnp.float32(DENSEST)))
     low, high = jnp.zeros_like(wanted), jnp.full_like(wanted, DENSEST)
-    for _ in range(_HALVINGS):
+    for _ in range(32):  # halvings of 0 to DENSEST: finer than single precision tells apart
         middle = (low + high) / 2
         faster = law.speed(middle) > wanted
         low, high = jnp.where(faster, middle, low), jnp.where(faster, high, middle)

@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float, Int
 HOUR, DAY_HOURS = 3600.0, 24
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Multiples of it, less their whole part, spread evenly over 0 to 1."""
-_CALM = 1e-6  # vehicles/s, fewer are none
 
 Scalar = Float[Array, ""]
 Segments = Int[Array, "*n"]
@@ -44,7 +43,7 @@ def gap_delay(vehicles: Float[Array, "*n"], critical_gap: float) -> Float[Array,
     ----------
     Adams (1936), Road traffic considered as a random series.
     """
-    rate = jnp.maximum(vehicles, _CALM)
+    rate = jnp.maximum(vehicles, 1e-6)  # fewer are none
     return (jnp.expm1(rate * critical_gap) - rate * critical_gap) / rate
 
 
@@ -98,7 +97,7 @@ class Waits(eqx.Module):
     """Whether lights have phases; else all take their mean wait."""
 
     def seconds(self, hour: Scalar, phase: Scalar, segment: Segments, clock: Clocks) -> Clocks:
-        """Wait in s.
+        """Wait before segments.
 
         Parameters
         ----------
@@ -108,6 +107,11 @@ class Waits(eqx.Module):
             Seconds by which lights turn green later in this future.
         segment, clock
             Where and when walkers come.
+
+        Returns
+        -------
+        seconds
+            The wait of each.
         """
         lights, cycle, green = self.lights[segment], self.cycle[segment], self.green[segment]
         mean_red = (cycle - green) ** 2 / (2 * cycle)
