@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.crowds.counts import CountsError
-from sidestep.crowds.live import LatestCounts
+from sidestep.crowds.counts import CountsError, LatestCounts
 from sidestep.crowds.table_flow import TableFlow
 
 VOLUME = jnp.array([[1.0, 0.0], [2.0, 0.0], [3.0, 10.0]])

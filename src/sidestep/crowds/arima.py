@@ -97,8 +97,8 @@ def _observe(model: Arima, state: _State, observed: Value) -> tuple[_State, Valu
 
 def _start(model: Arima, history: History) -> _State:
     """The state before the second row of a history, as if its oldest value had always been there."""
-    observed = ~jnp.isnan(history)
-    oldest = jnp.take_along_axis(history, jnp.argmax(observed, axis=0, keepdims=True), axis=0)[0]
+    first = jnp.argmax(~jnp.isnan(history), axis=0, keepdims=True)
+    oldest = jnp.take_along_axis(history, first, axis=0)[0]
     oldest = jnp.where(jnp.isnan(oldest), model.mean, oldest)  # nothing observed at all
     dtype = jnp.result_type(float, oldest)
     values = jnp.broadcast_to(oldest.astype(dtype), (model.ar.shape[0] + model.d, *oldest.shape))
@@ -181,9 +181,8 @@ def change_step(model: Arima, step: float) -> Arima:
     if not 0 < step < math.inf:
         raise SeriesError(f"the step must be a positive number of seconds, not {step}", field="step")
     if model.order != (1, 0, 0):
-        raise SeriesError(
-            f"only an ARIMA(1, 0, 0) has the same form at another step; this one is {model.order}", field="order"
-        )
+        same = "only an ARIMA(1, 0, 0) has the same form at another step"
+        raise SeriesError(f"{same}; this one is {model.order}", field="order")
     phi = float(np.asarray(model.ar)[0])
     if not 0 < phi < 1:
         raise SeriesError(f"an AR(1) at another step needs a coefficient between 0 and 1, not {phi:g}", field="ar")

@@ -6,9 +6,8 @@ from typing import ClassVar, Literal
 import equinox as eqx
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.crowds.counts import CountsError
+from sidestep.crowds.counts import CountsError, LatestCounts
 from sidestep.crowds.interpolation import InterpolationWeights
-from sidestep.crowds.live import LatestCounts
 from sidestep.network.graph import RoadNetwork
 
 SLOT_SECONDS = 300.0
@@ -18,8 +17,6 @@ Index = Int[Array, ""]
 Slots = Int[Array, " slots"]
 Counts = Float[Array, " counter"]
 Hours = Float[Array, " future"]
-Pieces = Int[Array, " piece"]
-Fractions = Float[Array, " piece"]
 
 
 class FlowField(eqx.Module):
@@ -105,7 +102,7 @@ class FlowModel(eqx.Module):
     def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:
         """Mean counts in slot number ``slot`` and those after it, given the counts ``now`` in this slot."""
 
-    def on_pieces(self, parent: Pieces, fraction: Fractions) -> "FlowModel":  # noqa: ARG002 - for streets that are split
+    def on_pieces(self, parent: Int[Array, " piece"], fraction: Float[Array, " piece"]) -> "FlowModel":  # noqa: ARG002
         """Crowds as dense on pieces of the segments, each a ``fraction`` of the length of its ``parent``.
 
         Parameters

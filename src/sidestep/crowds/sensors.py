@@ -10,12 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.arima import stationary_ar1
-from sidestep.crowds.base import Counts, FlowModel, Fractions, Hours, Index, Pieces, Scalar, SensedField, Slots
+from sidestep.crowds.base import Counts, FlowModel, Hours, Index, Scalar, SensedField, Slots
+from sidestep.crowds.counts import LatestCounts
 from sidestep.crowds.interpolation import InterpolationWeights
-from sidestep.crowds.live import CurrentCounts, LatestCounts
 from sidestep.crowds.profile import HOURS_OF_WEEK, hour_of_week
 from sidestep.crowds.sensor_model import SensorModel
 
@@ -27,6 +27,15 @@ SlotHours = Float[Array, " slots"]
 Lasting = Float[Array, "future sensor"]
 Record = Float[Array, "week 168 sensor"]
 Residuals = Float[Array, "future knot sensor"]
+
+
+class CurrentCounts(eqx.Module):
+    """How the counts of one hour, just before or around a departure, differ from the expected ones."""
+
+    residual: Sensors
+    """log(1 + count) less its expected value in that hour; NaN where nothing was counted."""
+    since: Scalar
+    """Hours from the middle of the counted hour to clock 0, from -1/2 to 3/2."""
 
 
 class SensorFlow(FlowModel):
@@ -102,7 +111,7 @@ class SensorFlow(FlowModel):
         covariance = self._lasting + self._covariance(since[:1], since) * sigma[0] * sigma
         return self._density(level + _conditional_mean(log_density_ratio, variance[0], covariance, variance))
 
-    def on_pieces(self, parent: Pieces, _fraction: Fractions) -> "SensorFlow":
+    def on_pieces(self, parent: Int[Array, " piece"], _fraction: Float[Array, " piece"]) -> "SensorFlow":
         return replace(self, weights=self.weights.of(parent))
 
     def going_on_from(self, latest: LatestCounts) -> "SensorFlow":

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from sidestep.crowds.base import Counts, Fractions, Index, Pieces, Scalar, Slots
+from sidestep.crowds.base import Counts, Index, Scalar, Slots
 from sidestep.crowds.profile import day_and_time
 from sidestep.crowds.rush import NoisyFlow
 
@@ -55,7 +55,7 @@ class TableFlow(NoisyFlow):
         """Mean volumes from this slot on; people who are there where nobody is expected stay for this slot."""
         return super().ahead(now, hour, slot, slots).at[0].set(now)
 
-    def on_pieces(self, parent: Pieces, fraction: Fractions) -> "TableFlow":
+    def on_pieces(self, parent: Int[Array, " piece"], fraction: Float[Array, " piece"]) -> "TableFlow":
         # Of the persons on a segment, each piece has as large a share as of the length.
         return replace(self, volume=self.volume[:, parent] * fraction)
 

@@ -125,18 +125,16 @@ def _entries(columns: Columns, place: str, town: Town) -> pd.DataFrame:
         number, most = rows[place].to_numpy(), (town.streets if place == "street" else len(street)) - 1
         columns.refuse_any(place, (number < 0) | (number > most), f"is not one of 0 to {most}")
     entries = rows.merge(ways.reset_index(), on=keys).sort_values(["row", "segment"], ignore_index=True)
-    if "direction" not in columns.cells:
-        return entries
-    direction = np.array(list(map(str, columns.cells["direction"])))
+    direction = np.array(list(map(str, columns.cells.get("direction", [""] * len(rows)))))
     known = np.isin(direction, ["", "forward", "backward"])
     columns.refuse_any("direction", ~known, "is neither forward nor backward nor empty")
-    against = (direction == "backward") & town.one_way[number]
-    columns.refuse_any("direction", against, "is not how this street is walked")
     other = np.where(entries["backwards"], "forward", "backward")
-    return entries[direction[entries["row"]] != other].reset_index(drop=True)
+    entries = entries[direction[entries["row"]] != other].reset_index(drop=True)
+    columns.refuse_any("direction", ~np.isin(rows["row"], entries["row"]), "is not how this street is walked")
+    return entries
 
 
-def _slots(columns: Columns, entries: pd.DataFrame, slot_seconds: float | None) -> tuple[WholeNumbers, float, datetime]:
+def _slots(columns: Columns, entries: pd.DataFrame, told: float | None) -> tuple[WholeNumbers, float, datetime]:
     """Numbers of slots, their length, which is the typical step of the times, and the first time."""
     seconds = columns.times("time")
     # Times of one segment must ascend; segments may follow one another or take turns.
@@ -148,9 +146,9 @@ def _slots(columns: Columns, entries: pd.DataFrame, slot_seconds: float | None) 
         raise columns.refuse(late, "time", f"{time} comes before the time in {before}")
     every = np.unique(seconds)
     begins = datetime.fromtimestamp(int(every[0]), UTC).replace(tzinfo=None)
-    step = typical_step(every) if len(every) > 1 else slot_seconds or SLOT_SECONDS
-    if slot_seconds is not None and step != slot_seconds:
-        raise TableError(f"{columns.source}: times are {step} s apart, not {slot_seconds:g}", field="time")
+    step = typical_step(every) if len(every) > 1 else told or SLOT_SECONDS
+    if told is not None and step != told:
+        raise TableError(f"{columns.source}: times are {step} s apart, not {told:g}", field="time")
     since = seconds - every[0]
     uneven = f"is not a whole number of steps of {step} s after the first time, {begins.isoformat()}"
     columns.refuse_any("time", since % step != 0, uneven)

@@ -15,8 +15,7 @@ from jaxtyping import Array, Key
 
 from sidestep.crowds.arima import ArimaFlow, change_step, load_fitted
 from sidestep.crowds.base import FlowModel
-from sidestep.crowds.counts import CountTable
-from sidestep.crowds.live import latest_counts
+from sidestep.crowds.counts import CountTable, latest_counts
 from sidestep.crowds.rush import RushFlow, ShiftingFlow
 from sidestep.errors import SidestepError
 from sidestep.files import cached_by_files

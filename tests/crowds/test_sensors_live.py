@@ -10,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.crowds.counts import CountsError, CountTable
+from sidestep.crowds.counts import CountsError, CountTable, latest_counts
 from sidestep.crowds.interpolation import InterpolationWeights
-from sidestep.crowds.live import CurrentCounts, latest_counts
 from sidestep.crowds.sensor_model import SensorModel
-from sidestep.crowds.sensors import SensorFlow
+from sidestep.crowds.sensors import CurrentCounts, SensorFlow
 
 LEVEL = 3.0  # of log(1 + count), in every hour
 PHI = np.array([0.5, 0.8])
