@@ -23,7 +23,6 @@ _SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
 _MOST_DIFFERENCES = 2
 _KPSS_LEVEL = 0.05
 
-Series = Float[np.ndarray, " hour"]
 History = Float[Array, "lag *batch"]
 Path = Float[Array, "slot *batch"]
 Value = Float[Array, " *batch"]
@@ -247,7 +246,7 @@ class ArimaFlow(FlowModel):
 # --- Fitting --------------------------------------------------------------------------------------------------------
 
 
-def fit_arima(series: Series, p: int = 1, d: int | None = None, q: int = 0) -> Arima:
+def fit_arima(series: Float[np.ndarray, " hour"], p: int = 1, d: int | None = None, q: int = 0) -> Arima:
     """Fit an ARIMA(p, d, q) to a series by maximum likelihood (statsmodels' state-space filter).
 
     Parameters
@@ -293,7 +292,7 @@ def fit_arima(series: Series, p: int = 1, d: int | None = None, q: int = 0) -> A
     return _model(fit.arparams, -np.asarray(fit.maparams), mean, sigma, d)
 
 
-def choose_d(series: Series) -> int:
+def choose_d(series: Float[np.ndarray, " hour"]) -> int:
     """Choose how often to difference a series: until the KPSS test does not reject stationarity at 5 %, at most twice.
 
     Missing values are left out after differencing, so that a gap never looks like a jump.
@@ -332,7 +331,7 @@ def choose_d(series: Series) -> int:
     return _MOST_DIFFERENCES
 
 
-def _check(series: Series, enough: int) -> None:
+def _check(series: Float[np.ndarray, " hour"], enough: int) -> None:
     if np.isinf(series).any():
         raise SeriesError("the series contains infinite values; mark missing ones as NaN")
     observed = int((~np.isnan(series)).sum())

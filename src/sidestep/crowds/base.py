@@ -120,11 +120,6 @@ class FlowModel(eqx.Module):
     def going_on_from(self, latest: LatestCounts) -> "FlowModel":  # noqa: ARG002 - for models of sensors
         """Crowds that go on from the latest counts of all sensors.
 
-        Returns
-        -------
-        flow
-            The same model, on the condition of these counts.
-
         Raises
         ------
         CountsError

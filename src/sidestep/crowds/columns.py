@@ -8,7 +8,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache, partial
@@ -64,28 +64,26 @@ class Columns:
 
     def whole_numbers(self, column: str) -> WholeNumbers:
         """A column of whole numbers."""
-        return self._parsed(column, cache(_whole), np.int64)
+        return np.fromiter(self._parsed(column, cache(_whole)), np.int64)
 
     def numbers(self, column: str, largest: float, unit: str, *, empty: float | None = None) -> Numbers:
         """A column of numbers from 0 to ``largest``; ``empty`` is the value of empty cells, where they are allowed."""
-        values = self._parsed(column, partial(_number, empty=empty), np.float64)
+        values = np.fromiter(self._parsed(column, partial(_number, empty=empty)), np.float64)
         self.refuse_any(column, values < 0, "is negative")
         self.refuse_any(column, values > largest, f"is more than {largest:g} {unit}")
         return values
 
     def times(self, column: str) -> WholeNumbers:
         """A column of local wall times without an offset, in whole seconds since 1970."""
-        return self._parsed(column, cache(_seconds), np.int64)
+        return np.fromiter(self._parsed(column, cache(_seconds)), np.int64)
 
-    def _parsed(self, column: str, parse: Callable[[Any], Any], dtype: type[np.generic]) -> np.ndarray:
+    def _parsed(self, column: str, parse: Callable[[Any], Any]) -> Iterator[Any]:
         """Every cell of a column parsed; a ``ValueError`` of ``parse`` becomes the sentence about the cell."""
-        values = np.empty(len(self.lines), dtype)
         for row, cell in enumerate(self.cells[column]):
             try:
-                values[row] = parse(cell)
+                yield parse(cell)
             except (ValueError, TypeError) as error:
                 raise self.refuse(row, column, str(error)) from error
-        return values
 
 
 def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False) -> Columns:
@@ -149,15 +147,14 @@ def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
         names = [name.strip().lower() for name in file.schema_arrow.names]
         _check_names(path, names, error, None)
         _check_rows(path, file.metadata.num_rows, error)
-        table = file.read()
-        columns = (list(map(_stripped, column.to_pylist())) for column in table.columns)
-        cells = dict(zip(names, columns, strict=True))
+        columns = file.read().rename_columns(names).to_pydict()
+        cells = {name: list(map(_stripped, column)) for name, column in columns.items()}
     except SidestepError:
         raise
     except (pa.ArrowException, OSError, LookupError, TypeError, ValueError, ArithmeticError, MemoryError) as found:
         said = " ".join(str(found).split()) or type(found).__name__
         raise error(f"{path}: damaged, or not a Parquet file: {said:.200}") from found
-    return Columns(str(path), cells, list(range(1, 1 + table.num_rows)), error, "row")
+    return Columns(str(path), cells, list(range(1, 1 + file.metadata.num_rows)), error, "row")
 
 
 def typical_step(ascending: Int[np.ndarray, " time"]) -> int:

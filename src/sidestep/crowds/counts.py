@@ -79,7 +79,7 @@ class CountTable:
             if array is not None:
                 array.setflags(write=False)
 
-    def series(self, sensor: str) -> fix.Series:
+    def series(self, sensor: str) -> Float[np.ndarray, " hour"]:
         """Counts of one sensor.
 
         Returns
@@ -93,7 +93,7 @@ class CountTable:
             No such sensor; the message lists those with a similar name.
         """
         if sensor not in self.sensors:
-            raise _unknown_sensor(self.source, sensor, self.sensors)
+            raise CountsError(_no_sensor(self.source, sensor, self.sensors), field=sensor)
         return self.counts[:, self.sensors.index(sensor)]
 
     def between(self, start: str | np.datetime64, end: str | np.datetime64) -> "CountTable":
@@ -305,14 +305,12 @@ def latest_counts(table: CountTable, sensors: Sequence[str], departure: datetime
     """
     for name in table.sensors:
         if name not in sensors:
-            raise _unknown_sensor(table.source, name, sensors)
+            raise CountsError(_no_sensor(table.source, name, sensors), field=name)
     hour, leaves = table.times[-1], np.datetime64(departure, "h")
     if hour not in (leaves, leaves - 1):
-        raise CountsError(
-            f"{table.source}: the last counts are of the hour from {hour}:00, but the departure is "
-            f"{departure.isoformat(timespec='minutes')}; give counts of the hour of the departure or the one before",
-            field="time",
-        )
+        found = f"the last counts are of the hour from {hour}:00"
+        wanted = f"the departure is {departure.isoformat(timespec='minutes')}; give counts of the hour of the departure"
+        raise CountsError(f"{table.source}: {found}, but {wanted} or the one before", field="time")
     counts = np.array([table.series(name)[-1] if name in table.sensors else np.nan for name in sensors])
     since = (np.datetime64(departure, "s") - hour.astype("datetime64[s]")).astype(float) / 3600 - 0.5
     latest = LatestCounts(counts, hour, float(since))
@@ -321,11 +319,11 @@ def latest_counts(table: CountTable, sensors: Sequence[str], departure: datetime
     return latest
 
 
-def _unknown_sensor(source: str, sensor: str, sensors: Sequence[str]) -> CountsError:
-    """An error about a sensor that is not there, with similar names."""
+def _no_sensor(source: str, sensor: str, sensors: Sequence[str]) -> str:
+    """What to say of a sensor that is not there, with similar names."""
     lower = {name.lower(): name for name in sensors}
     asked = sensor.strip().lower()
     similar = [name for key, name in lower.items() if asked and asked in key]
     similar += [lower[key] for key in difflib.get_close_matches(asked, lower, n=3) if lower[key] not in similar]
     hint = f"did you mean {' or '.join(map(repr, similar[:3]))}?" if similar else f"there are {list(lower.values())}"
-    return CountsError(f"{source}: no sensor {reprlib.repr(sensor)}; {hint}", field=sensor)
+    return f"{source}: no sensor {reprlib.repr(sensor)}; {hint}"

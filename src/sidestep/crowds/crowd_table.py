@@ -182,5 +182,4 @@ def _faults(stored: Mapping[str, np.ndarray]) -> Iterator[tuple[str, bool, str]]
     possible = (value >= 0) & (value <= LARGEST[quantity][0])  # NaN is not
     yield "value", not possible.all(), f"it has values that are no {quantity}"
     yield "slot_seconds", not 0 < seconds < 1e9, f"its slots have {seconds} s"
-    offset = begins and datetime.fromisoformat(begins).tzinfo is not None
-    yield "begins", bool(offset), "its time has an offset"
+    yield "begins", bool(begins) and datetime.fromisoformat(begins).tzinfo is not None, "its time has an offset"

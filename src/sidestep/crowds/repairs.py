@@ -12,9 +12,7 @@ HOUR = np.timedelta64(1, "h")
 
 Rows = Shaped[np.ndarray, " row"]
 Times = Shaped[np.ndarray, " hour"]
-Series = Float[np.ndarray, " hour"]
 Counts = Float[np.ndarray, "hour sensor"]
-Runs = Int[np.ndarray, "run 2"]
 
 # A run of zeros is a dead sensor if this many persons are expected in those hours of the day. In the two hardest
 # lockdowns (April 2020, August 2021) the sensors still counted 7 % to 45 % of the expected numbers, so a living sensor
@@ -124,13 +122,13 @@ def repair_clock_forward(times: Times, counts: Counts, skipped: np.datetime64) -
     return repaired, moved
 
 
-def zero_runs(series: Series) -> Runs:
+def zero_runs(series: Float[np.ndarray, " hour"]) -> Int[np.ndarray, "run 2"]:
     """First and one-past-last row of each run of zeros; a missing hour ends a run."""
     edges = np.diff(np.concatenate(([0], (series == 0).astype(np.int64), [0])))
     return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
 
 
-def dead_runs(times: Times, series: Series) -> Runs:
+def dead_runs(times: Times, series: Float[np.ndarray, " hour"]) -> Int[np.ndarray, "run 2"]:
     """The runs of zeros in which a living sensor would have counted at least `DEAD_PERSONS`.
 
     The expected count of an hour of the day is the sensor's median *positive* one, which stands even if the sensor is

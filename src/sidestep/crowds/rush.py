@@ -13,6 +13,8 @@ from sidestep.crowds.base import Counts, FlowField, FlowModel, Hours, Index, Sca
 
 FEWEST = 1e-6  # persons; fewer count as nobody where logarithms are taken
 
+Volumes = Float[Array, "future slot segment"]
+
 
 class NoisyFlow(FlowModel):
     """Volume = median · exp(noise); the noise of each segment is a stationary AR(1), independent of all others."""
@@ -38,13 +40,12 @@ class NoisyFlow(FlowModel):
         """Possible futures; the noise is stationary from the first slot on."""
         return self.with_noise(key, self._medians(hours, slots))
 
-    def with_noise(self, key: Key[Array, ""], median: Float[Array, "future slot segment"]) -> FlowField:
+    def with_noise(self, key: Key[Array, ""], median: Volumes) -> FlowField:
         """Crowds with these medians."""
         return self._field(median * jnp.exp(self.noise(key, *median.shape)) if self.sigma else median)
 
-    def noise(self, key: Key[Array, ""], *shape: int) -> Float[Array, "future slot segment"]:
+    def noise(self, key: Key[Array, ""], futures: int, slots: int, segments: int) -> Volumes:
         """The noise of as many futures, slots and segments, in logarithms of the volume."""
-        futures, slots, segments = shape
         innovations = jax.random.normal(key, (slots, futures, segments)) * self.sigma
         return stationary_ar1(self.phi, innovations[0], innovations[1:])
 

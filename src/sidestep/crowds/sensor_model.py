@@ -81,8 +81,7 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     level = np.stack([_mean(residual[week == number]) for number in range(week[-1] + 1)])
     weekly = _robust_sigma(level)
     residual -= np.where(np.isfinite(level), level, 0.0)[week]
-    sigma = np.stack([_robust_sigma(residual[hours % 24 == hour]) for hour in range(24)])
-    sigma = np.maximum(sigma, SMALLEST_SIGMA)
+    sigma = np.maximum([_robust_sigma(residual[hours % 24 == hour]) for hour in range(24)], SMALLEST_SIGMA)
     residual = np.clip(residual / sigma[hours % 24], -OUTLIER, OUTLIER)
     before, after = residual[:-1], residual[1:]
     paired = np.isfinite(before) & np.isfinite(after)

@@ -23,9 +23,7 @@ HOUR = 3600.0
 
 Sensors = Float[Array, " sensor"]
 Levels = Float[Array, "slots sensor"]
-SlotHours = Float[Array, " slots"]
 Lasting = Float[Array, "future sensor"]
-Record = Float[Array, "week 168 sensor"]
 Residuals = Float[Array, "future knot sensor"]
 
 
@@ -49,11 +47,11 @@ class SensorFlow(FlowModel):
     """What the sensors are expected to count, and how counts vary."""
     weights: InterpolationWeights
     """How densities on the segments follow from those at the sensors."""
-    per_count: Float[Array, " sensor"]
+    per_count: Sensors
     """Density at each sensor in persons/m² for one person/h."""
     slot_seconds: float = eqx.field(static=True)
     """Length of a slot."""
-    record: Record | None = None
+    record: Float[Array, "week 168 sensor"] | None = None
     """Levels of recorded weeks less the expected ones; if given, each future is one of these weeks."""
     uneven: float = eqx.field(static=True, default=0.0)
     """How much the demand of every future differs from sensor to sensor: standard deviation of the logarithm of a
@@ -131,7 +129,7 @@ class SensorFlow(FlowModel):
         log_density_ratio = jnp.where(jnp.isfinite(current.residual), current.residual + self.uneven**2 / 2, 0.0)
         return log_density_ratio, self.model.sigma[counted % len(self.model.sigma)]
 
-    def _hours(self, start: Scalar, slot: Slots) -> tuple[Index, Slots, SlotHours]:
+    def _hours(self, start: Scalar, slot: Slots) -> tuple[Index, Slots, Float[Array, " slots"]]:
         """The hour whose middle comes before clock 0, and whole hours and fractions from there to middles of slots."""
         middle = start + (slot + 0.5) * (self.slot_seconds / HOUR) - 0.5
         first = jnp.floor(start - 0.5)
@@ -148,7 +146,7 @@ class SensorFlow(FlowModel):
 
         return at(self.model.expected) - self.uneven**2 / 2, at(self.model.sigma)
 
-    def _since(self, start: Scalar, slot: Slots) -> SlotHours:
+    def _since(self, start: Scalar, slot: Slots) -> Float[Array, " slots"]:
         """Hours from the first drawn residual to the middles of slots."""
         # Residuals are drawn at the middles of hours and linear in between. The first is that of the hour whose middle
         # comes before clock 0, or that of the counted hour, before which residuals are as counted.
@@ -157,7 +155,7 @@ class SensorFlow(FlowModel):
             return hour + fraction
         return jnp.maximum(self.current.since + (slot + 0.5) * (self.slot_seconds / HOUR), 0.0)
 
-    def _covariance(self, early: Float[Array, " #slots"], late: SlotHours) -> Levels:
+    def _covariance(self, early: Float[Array, " #slots"], late: Float[Array, " slots"]) -> Levels:
         """Covariance of residuals at two times (in hours since the first) in units of their standard deviations."""
         first, second = jnp.floor(early), jnp.floor(late)
         begun, passed, apart = ((early - first)[:, None], (late - second)[:, None], (second - first)[:, None])
@@ -187,7 +185,7 @@ class SensorFlow(FlowModel):
         return lasting, chain[:, jnp.clip(after, 0, steps - 1)]
 
     @staticmethod
-    def _recorded(record: Record, key: Key[Array, ""], hours: Hours, knots: int) -> Residuals:
+    def _recorded(record: Float[Array, "week 168 sensor"], key: Key[Array, ""], hours: Hours, knots: int) -> Residuals:
         """Residuals as they were counted."""
         whole = record.reshape(-1, record.shape[-1])
         week = jax.random.randint(key, hours.shape, 0, len(record))

@@ -66,9 +66,8 @@ def read_table(path: str | Path, town: Town, slot_seconds: float | None = None) 
     # No two entries are added up: there is one for each slot and segment at most.
     table = entries.pivot(index="slot", columns="segment", values="value").reindex(range(slots))  # noqa: PD010
     missing = table.isna()
-    gaps = (
-        f"slots without a row, of {missing.any().sum()} segments: filled linearly in time from those before and after"
-    )
+    some = missing.any().sum()
+    gaps = f"slots without a row, of {some} segments: filled linearly in time from those before and after"
     repairs = (
         TableRepair("gap", int(missing.to_numpy().sum()), gaps),
         TableRepair("not mentioned", segments - mentioned, "segments without any row: nobody is there"),
@@ -114,23 +113,23 @@ def _entries(columns: Columns, place: str, town: Town) -> pd.DataFrame:
     ways = pd.DataFrame({"street": street, "backwards": backwards, "from": tail, "to": head}).rename_axis("segment")
     keys = ["from", "to"] if place == "from" else [place]
     rows = pd.DataFrame({key: columns.whole_numbers(key) for key in keys}).rename_axis("row").reset_index()
+    entries = rows.merge(ways.reset_index(), on=keys).sort_values("row", kind="stable", ignore_index=True)
+    number = np.bincount(entries["row"], minlength=len(rows))
     if place == "from":
         for key in keys:
             columns.refuse_any(key, ~np.isin(rows[key], town.ids), "is no crossing of this town")
-        number = ways.value_counts(keys).reindex(pd.MultiIndex.from_frame(rows[keys]), fill_value=0).to_numpy()
         several = "is where several streets lead from there; give numbers in a column street"
         columns.refuse_any("to", number == 0, "is not where a street leads from there")
         columns.refuse_any("to", number > 1, several)
     else:
-        number, most = rows[place].to_numpy(), (town.streets if place == "street" else len(street)) - 1
-        columns.refuse_any(place, (number < 0) | (number > most), f"is not one of 0 to {most}")
-    entries = rows.merge(ways.reset_index(), on=keys).sort_values(["row", "segment"], ignore_index=True)
-    direction = np.array(list(map(str, columns.cells.get("direction", [""] * len(rows)))))
-    known = np.isin(direction, ["", "forward", "backward"])
-    columns.refuse_any("direction", ~known, "is neither forward nor backward nor empty")
-    other = np.where(entries["backwards"], "forward", "backward")
-    entries = entries[direction[entries["row"]] != other].reset_index(drop=True)
-    columns.refuse_any("direction", ~np.isin(rows["row"], entries["row"]), "is not how this street is walked")
+        most = (town.streets if place == "street" else len(street)) - 1
+        columns.refuse_any(place, number == 0, f"is not one of 0 to {most}")
+    if "direction" in columns.cells:
+        direction = np.array(list(map(str, columns.cells["direction"])))
+        known = np.isin(direction, ["", "forward", "backward"])
+        columns.refuse_any("direction", ~known, "is neither forward nor backward nor empty")
+        entries = entries[direction[entries["row"]] != np.where(entries["backwards"], "forward", "backward")]
+        columns.refuse_any("direction", ~np.isin(rows["row"], entries["row"]), "is not how this street is walked")
     return entries
 
 
