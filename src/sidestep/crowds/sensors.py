@@ -23,6 +23,7 @@ HOUR = 3600.0
 
 Sensors = Float[Array, " sensor"]
 Levels = Float[Array, "slots sensor"]
+"""Logarithms of one more than the count in persons/h, or what is added to them."""
 Lasting = Float[Array, "future sensor"]
 Residuals = Float[Array, "future knot sensor"]
 
