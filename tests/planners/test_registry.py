@@ -235,8 +235,9 @@ def test_objects_that_are_no_planners_are_refused(third_party, target: str) -> N
 
 def test_an_entry_point_must_bear_its_planners_name(third_party) -> None:
     third_party("third_party_f", "nearest-f", entry_point="other-f")
-    with pytest.raises(PlannerError, match="nearest-f"):
+    with pytest.raises(PlannerError, match="nearest-f") as caught:
         find_planner("other-f")
+    assert caught.value.field == "planner"
 
 
 def test_broken_entry_points_name_the_place(third_party) -> None:

@@ -208,8 +208,9 @@ def test_gpx_without_a_day_has_no_times(plan) -> None:
 
 
 def test_gpx_of_odd_names(plan) -> None:
-    odd = replace(plan, steps=[replace(step, street="A<&>\x00\ud800\uffffB") for step in plan.steps])
-    root = ET.fromstring(odd.to_gpx().encode())  # noqa: S314
+    steps = [replace(step, street="A<&>\x00\ud800\uffffB") for step in plan.steps]
+    root = ET.fromstring(replace(plan, steps=steps, attribution="A <\x00& B").to_gpx().encode())  # noqa: S314
+    assert root.find(f"{GPX}metadata/{GPX}copyright").get("author") == "A <& B"
     assert root.find(f"{GPX}rte/{GPX}rtept/{GPX}name").text == "head east: A<&>B"
 
 

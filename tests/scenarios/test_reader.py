@@ -136,6 +136,9 @@ def test_defaults_are_those_of_helsinki_without_the_event(write, tmp_path) -> No
     assert (found.place.crowd_source.fitted, found.place.crowd_source.tested) == (TRAIN, TEST)
     assert load_scenario(write(HELSINKI, "park.toml")).name == "park"
     assert load_scenario(write(HELSINKI + "[objective]\ntime = 1")).objective.is_time
+    assert load_scenario(write(HELSINKI + "[reward]\nunit_seconds = 30")).reward == RewardSpec(
+        unit_seconds=30.0, progress=0.0, bonus=0.0
+    )
 
 
 @pytest.mark.parametrize(

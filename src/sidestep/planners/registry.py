@@ -158,7 +158,8 @@ def _info(name: str) -> PlannerInfo:
         raise PlannerError(f"no planner at {place}: {error}", field="planner") from error
     found = _add(source)
     if name in installed and name != found.name:
-        raise PlannerError(f"the entry point {name} leads to a planner that is called {found.name}; rename one")
+        said = f"the entry point {name} leads to a planner that is called {found.name}; rename one"
+        raise PlannerError(said, field="planner")
     return found
 
 

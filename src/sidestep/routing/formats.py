@@ -78,7 +78,10 @@ def gpx(
     root = ET.Element("gpx", {**location, "version": "1.1", "creator": "Sidestep"})
     metadata = ET.SubElement(root, "metadata")  # its parts have an order
     _put(metadata, name=name, desc=about)
-    _put(ET.SubElement(metadata, "copyright", author=attribution), license=_ODBL if "ODbL" in attribution else "")
+    _put(
+        ET.SubElement(metadata, "copyright", author=_UNPRINTABLE.sub("", attribution)),
+        license=_ODBL if "ODbL" in attribution else "",
+    )
     _put(metadata, time=time(0.0))
     course = np.array([point.place[::-1] for point in track])
     corners = zip(("minlat", "minlon", "maxlat", "maxlon"), (*course.min(axis=0), *course.max(axis=0)), strict=True)

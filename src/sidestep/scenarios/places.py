@@ -158,7 +158,7 @@ class Counters(Spec):
 
 
 class CrowdTable(Spec):
-    """Crowds known from a table of all segments (:class:`sidestep.crowds.table.TableFlow`)."""
+    """Crowds known from a table of all segments (:class:`sidestep.crowds.table_flow.TableFlow`)."""
 
     kind: Literal["crowd_table"] = "crowd_table"
     file: values.Line

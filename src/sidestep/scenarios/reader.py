@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, Valida
 from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.files import reason
 from sidestep.scenarios import values
-from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, NO_EXTRAS, scenario
+from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, scenario
 from sidestep.scenarios.model import RewardSpec, Scenario, read_objective
 from sidestep.scenarios.places import Counters, CrowdTable, Light, Sensor, Traffic, Venue
 from sidestep.scenarios.spec import Fault, ScenarioError, faults, shown
@@ -146,6 +146,13 @@ class VenueFile(Venue):
     traffic: TrafficFile | None = None
 
 
+class RewardFile(RewardSpec):
+    """``[reward]``, which gives nothing but what it names."""
+
+    progress: float = 0.0
+    bonus: float = 0.0
+
+
 class ScenarioFile(Scenario):
     """A whole file. Fields that it leaves out are as in ``helsinki``, but without its event."""
 
@@ -155,7 +162,7 @@ class ScenarioFile(Scenario):
     departures: Annotated[values.Range, AfterValidator(_both_seconds)] = Field((0.0, 60.0), alias="departures_minutes")
     slot_seconds: Annotated[values.Positive, AfterValidator(_seconds)] = Field(5.0, alias="slot_minutes")
     law: Law = "weidmann"
-    reward: RewardSpec = NO_EXTRAS
+    reward: RewardFile = RewardFile()
     level: Literal["local", "map", "live"] = "map"
     maps: values.Count = 1
     walks: values.Count = 500
