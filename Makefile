@@ -40,7 +40,7 @@ demo: .venv/ready
 	$(BIN)/sidestep demo --out demo
 
 test: setup
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: setup
 	$(BIN)/ruff format --check .
@@ -53,7 +53,7 @@ format: setup
 	$(BIN)/ruff check --fix .
 
 coverage: setup
-	$(BIN)/python -m pytest -n 2 --cov --cov-report=term
+	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term
 
 test-lowest: setup
 	test -x .venv-lowest/bin/python || $(PYTHON) -m venv .venv-lowest
@@ -61,7 +61,7 @@ test-lowest: setup
 		--no-emit-index-url --output-file .venv-lowest/requirements.txt
 	$(UV) pip install --quiet --python .venv-lowest/bin/python --compile-bytecode --requirements .venv-lowest/requirements.txt
 	$(UV) pip install --quiet --python .venv-lowest/bin/python --no-deps --no-build-isolation --editable .
-	.venv-lowest/bin/python -m pytest -n 2
+	.venv-lowest/bin/python -m pytest -n 2 --dist loadfile
 
 lock:
 	$(COMPILE) --output-file requirements.txt

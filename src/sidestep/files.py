@@ -15,7 +15,7 @@ from sidestep.errors import SidestepError
 P = ParamSpec("P")
 Made = TypeVar("Made")
 LARGEST = 2**31  # bytes that one file may unpack to; a town of a million streets takes a tenth of it
-# What readers say of damaged files; a syntax error is XML's reader's, a runtime error OpenStreetMap's.
+# Raised by readers of damaged files: SyntaxError by the XML reader, RuntimeError by osmium.
 DAMAGED = (zipfile.BadZipFile, zlib.error, SyntaxError, EOFError, LookupError, TypeError, ValueError, RuntimeError)
 
 

@@ -17,7 +17,7 @@ from sidestep.agent.presets import PRESETS, preset, preset_for
 from sidestep.agent.q_networks import QTable, untrained
 from sidestep.planners import learned
 from sidestep.planners.learned import Darp, ModelError, load_planners, trainable, trained_darp
-from sidestep.scenarios import build
+from sidestep.scenarios import maps
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import draw_map
@@ -128,16 +128,17 @@ def test_models_walk_what_they_were_trained_for(
 def test_a_model_can_be_read_where_its_files_are_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gone = TOWN.changed(streets=str(tmp_path / "gone.npz"), file=str(tmp_path / "gone.csv"), destinations=(3,))
     save(tmp_path, IN_TOWN, TOWN, known_as=gone)
+    metres = float(jnp.mean(draw_map(TOWN, 0).network.length))
 
     def never(*_: object) -> None:
         raise AssertionError
 
     monkeypatch.setattr(checkpoint, "draw_training_map", never)
-    monkeypatch.setattr(build, "town_of", never)
+    monkeypatch.setattr(maps, "town_of", never)
     model = checkpoint.load_model(tmp_path)
     assert (model.metadata.scenario, model.metadata.config) == (gone, IN_TOWN)
     # It has the numbers of its own town's streets, not those that it was read with.
-    assert float(model.q_network.metres) == pytest.approx(float(jnp.mean(draw_map(TOWN, 0).network.length)))
+    assert float(model.q_network.metres) == pytest.approx(metres)
 
 
 def test_a_folder_without_a_model_is_named(tmp_path: Path) -> None:

@@ -13,9 +13,17 @@ CountFrom0 = Annotated[int, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-def _at_position(field: str, only: float, must: str) -> Any:
-    """A field has one value only at level ``position``."""
-    return across(field, lambda value, given: value == only or given["level"] != "position", f"must be {must}")
+def _at_position(field: str, only: float, requirement: str) -> Any:
+    """Allow a field only one value at level ``position``."""
+    return across(field, lambda value, given: value == only or given["level"] != "position", f"must be {requirement}")
+
+
+def _multiple_of_walkers(field: str) -> Any:
+    return across(field, lambda number, given: number % given["walkers"] == 0, "must be a multiple of walkers")
+
+
+def _at_most_futures(field: str) -> Any:
+    return across(field, lambda number, given: number <= given["futures"], "must be at most futures")
 
 
 class TrainConfigError(SpecError):
@@ -126,19 +134,15 @@ class TrainConfig(Spec):
     """Deployed and in test walks: follow the level's estimate at crossings that this walk has left before. Estimates
     never lead in circles; learned corrections may."""
 
-    _whole_round, _whole_ring = (
-        across(field, lambda number, given: number % given["walkers"] == 0, "must be a multiple of walkers")
-        for field in ("round_steps", "capacity")
-    )
+    _whole_round = _multiple_of_walkers("round_steps")
+    _whole_ring = _multiple_of_walkers("capacity")
     _return_in_round = across(
         "n_step",
         lambda steps, given: steps <= given["round_steps"] // given["walkers"],
         "must be at most the iterations of a round (round_steps over walkers)",
     )
-    _fresh_ones, _future_each = (
-        across(field, lambda number, given: number <= given["futures"], "must be at most futures")
-        for field in ("fresh_futures", "destinations")
-    )
+    _fresh_ones = _at_most_futures("fresh_futures")
+    _future_each = _at_most_futures("destinations")
     _told_apart = _at_position("destinations", 1, "1 at level position (the walker does not know its destination)")
     _margin = _at_position("correction_margin_seconds", 0, "0 at level position (it has no estimate)")
     _revisiting = _at_position("estimate_when_revisiting", False, "false at level position (it has no estimate)")

@@ -27,7 +27,9 @@ class Problem(eqx.Module):
 
 
 def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> Problem:
-    """Draw futures and choose walks on one map, those to learn from where the scenario's begin.
+    """Draw futures, and choose walks on one map; those to learn from begin at the scenario's origin.
+
+    ``jax.eval_shape`` may trace this function.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> 
     Returns
     -------
     Problem
-        ``jax.eval_shape`` may trace it.
+        That of the first round.
     """
     destinations = destinations_of(scenario_map, config.destinations)
     futures = config.futures + config.test_walks

@@ -49,5 +49,5 @@ def q_learning(
     Hasselt et al. 2016, "Deep reinforcement learning with double Q-learning".
     """
     value_t = q_t[jnp.argmax(mask(selector_t, valid_t))]
-    # After the end of an episode nothing counts, not even the minus infinity of a value that means nothing.
+    # Without a valid exit the value is that of exit 0 and means nothing; only where episodes end may that be so.
     return r_t + jnp.where(discount_t > 0, discount_t * value_t, 0.0) - q_tm1[a_tm1]

@@ -61,7 +61,7 @@ def training_rounds(
     scenario, scenario_map
         What is learned, and where.
     state
-        The state to go on from; by default training begins.
+        The state to go on from; by default an untrained one.
 
     Yields
     ------

@@ -53,7 +53,8 @@ def compare(
     timing
         Measure how long decisions take; planning is then done twice.
     """
-    options.check(seed=seed, by=by, maps=maps, walks=walks, workers=workers)
+    options.check_least(seed=seed, maps=maps, walks=walks, workers=workers)
+    options.check_minutes(by=by)
     options.start_jax()
     from sidestep.evaluation.compare import compare as run
     from sidestep.planners.registry import choose_planners

@@ -49,7 +49,7 @@ def counts(
     seed
         Seed of the simulated week shown beside the counts.
     """
-    options.check(seed=seed)
+    options.check_least(seed=seed)
     options.start_jax()
     from sidestep.crowds.summary import summarise_counts
 
@@ -86,7 +86,7 @@ def import_counts(
     law
         Speed law for the densities in this report.
     """
-    options.check(slot=slot)
+    options.check_minutes(slot=slot)
     options.start_jax()
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
     from sidestep.files import output_folder
@@ -99,7 +99,7 @@ def import_counts(
     output_folder(out.parent)
     save_crowd_table(crowds, out)
     if as_json:
-        print_report(report, out)
+        print_json(report, out)
         return
     show_table(report)
     print(f"Crowds: {out}")
@@ -137,7 +137,7 @@ def import_osm(
     town, report = read(file, merge=merge, widths=widths)
     save_town(town, out)
     if as_json:
-        print_report(report, out)
+        print_json(report, out)
         return
     show_import(report)
     print(f"Streets: {out} ({town.attribution})")
@@ -191,7 +191,7 @@ def show_counts(summary: "CountSummary", seed: int) -> None:
     print_table([title], ("prediction of the next hour", ">RMSE, persons/h"), errors)
 
 
-def print_report(report: "ImportReport | TableReport", out: Path) -> None:
+def print_json(report: "ImportReport | TableReport", out: Path) -> None:
     """Print what an import found as JSON."""
     print(json.dumps({**asdict(report), "out": str(out)}, indent=2, ensure_ascii=False))
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: options.Json = False) -> None:
     """Train an agent on one congested map, compare it with other planners, and draw their paths."""
-    options.check(seed=seed)
+    options.check_least(seed=seed)
     options.start_jax()
     from sidestep.experiments.demo import CONFIG, demonstrate
     from sidestep.files import output_folder
@@ -53,7 +53,7 @@ def reproduce(
     quick
         Run everything in small: 2 maps, 5 walks.
     """
-    options.check(seed=seed, maps=maps, workers=workers)
+    options.check_least(seed=seed, maps=maps, workers=workers)
     options.start_jax()
     from sidestep.experiments.paper import QUICK, Plan
     from sidestep.experiments.paper import reproduce as run
@@ -107,7 +107,7 @@ def trade_off(
     SidestepError
         A file that is no picture's (field ``out``), weights that are no numbers, and all that the walks refuse.
     """
-    options.check(seed=seed, walks=walks)
+    options.check_least(seed=seed, walks=walks)
     if out.suffix.lower() != ".png" or out.is_dir():
         raise SidestepError(f"--out must be a picture's file, such as trade-off.png, not {out}", field="out")
     steps = [_weight(weight) for weight in weights.split(",")]

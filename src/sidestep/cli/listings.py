@@ -12,7 +12,7 @@ def planners(*, as_json: options.Json = False) -> None:
     from sidestep.planners.registry import planner_infos
 
     found = [
-        {"name": name, "level": info.level, "learns": info.planner is None, "summary": info.summary, "use": info.use}
+        {"name": name, "level": info.level, "learns": info.learns, "summary": info.summary, "use": info.use}
         for name, info in planner_infos().items()
     ]
     if as_json:

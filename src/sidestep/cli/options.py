@@ -16,6 +16,7 @@ from sidestep.errors import SidestepError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from _typeshed import DataclassInstance
     from cyclopts import Token
 
     from sidestep.scenarios.model import Scenario
@@ -87,7 +88,7 @@ class Changes:
 UNCHANGED = Changes()
 
 
-def given(options: Any) -> dict[str, Any]:
+def changed_fields(options: "DataclassInstance") -> dict[str, Any]:
     """The fields of a dataclass of options that are not None."""
     return {field: value for field, value in asdict(options).items() if value is not None}
 
@@ -96,20 +97,20 @@ def read_scenario(name: str, changes: Changes) -> "Scenario":
     """Find a scenario by its name or file, with the options applied."""
     from sidestep.scenarios.reader import find_scenario
 
-    return find_scenario(name, **given(changes))
+    return find_scenario(name, **changed_fields(changes))
 
 
 LEAST = {"seed": 0, "map": 0, "maps": 1, "walks": 1, "workers": 1}
 """The least values of options that are whole numbers."""
 
 
-def check(**numbers: float | None) -> None:
-    """Refuse whole numbers below their least value, and minutes that are not positive.
+def check_least(**numbers: int | None) -> None:
+    """Refuse whole numbers below their least value.
 
     Parameters
     ----------
     **numbers
-        Values by option; those that are not in ``LEAST`` are minutes.
+        Values by option; None where it was not given.
 
     Raises
     ------
@@ -117,10 +118,26 @@ def check(**numbers: float | None) -> None:
         With the option as its field.
     """
     for option, number in numbers.items():
-        if option not in LEAST and number is not None and not 0 < number < math.inf:
-            raise SidestepError(f"--{option} must be a positive number of minutes, not {number}", field=option)
-        if option in LEAST and number is not None and number < LEAST[option]:
+        if number is not None and number < LEAST[option]:
             raise SidestepError(f"--{option} must be at least {LEAST[option]}, not {number}", field=option)
+
+
+def check_minutes(**minutes: float | None) -> None:
+    """Refuse minutes that are not positive.
+
+    Parameters
+    ----------
+    **minutes
+        Values by option; None where it was not given.
+
+    Raises
+    ------
+    SidestepError
+        With the option as its field.
+    """
+    for option, number in minutes.items():
+        if number is not None and not 0 < number < math.inf:
+            raise SidestepError(f"--{option} must be a positive number of minutes, not {number}", field=option)
 
 
 def names_in(text: str) -> list[str]:
@@ -129,7 +146,7 @@ def names_in(text: str) -> list[str]:
 
 
 def processors() -> int:
-    """Count the processors that this process may use: so many maps are walked at a time."""
+    """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -61,7 +61,7 @@ def route(
     SidestepError
         Options that exclude each other, or a request that cannot be answered.
     """
-    options.check(seed=seed, map=index)
+    options.check_least(seed=seed, map=index)
     if output == "png" and out is None:
         raise SidestepError("--format png needs --out, the file for the picture", field="out")
     if as_json and output != "text":

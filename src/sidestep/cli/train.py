@@ -51,7 +51,7 @@ class Settings:
     """Once trained: follow the level's own estimate where a walk comes back."""
 
 
-UNCHANGED = Settings()
+AS_PRESET = Settings()
 
 
 def train(
@@ -61,7 +61,7 @@ def train(
     level: options.LevelOption = None,
     preset: options.PresetOption = "default",
     index: options.MapNumber = 0,
-    settings: Settings = UNCHANGED,
+    settings: Settings = AS_PRESET,
     changes: options.Changes = options.UNCHANGED,
     out: Path | None = None,
     resume: options.Flag = False,
@@ -77,14 +77,14 @@ def train(
     resume
         Go on with the model in --out.
     """
-    options.check(seed=seed, map=index)
+    options.check_least(seed=seed, map=index)
     options.start_jax()
     from sidestep.agent import runs
     from sidestep.agent.checkpoint import read_metadata
     from sidestep.agent.presets import preset_for
 
     problem = options.read_scenario(scenario, changes)
-    config = preset_for(problem, preset, level).changed(**options.given(settings))
+    config = preset_for(problem, preset, level).changed(**options.changed_fields(settings))
     before = len(read_metadata(out).curve) if resume and out is not None else 0
     what = f"training on {scenario}, map {index}"
     with progress(what, config.rounds - before, config.round_steps, "transitions") as advance:

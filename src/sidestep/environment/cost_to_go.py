@@ -275,7 +275,7 @@ def known_cost_to_go(params: EnvParams) -> ExpectedCostToGo:
     Returns
     -------
     ExpectedCostToGo
-        Never None.
+        The tables of all destinations.
 
     Raises
     ------
@@ -293,7 +293,7 @@ def known_live_cost_to_go(params: EnvParams) -> LiveCostToGo:
     Returns
     -------
     LiveCostToGo
-        Never None.
+        The tables of all futures.
 
     Raises
     ------

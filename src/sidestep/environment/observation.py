@@ -122,7 +122,7 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
     Returns
     -------
     Live
-        The estimate of the level is its ``forecast``: the least cost over each street if crowds go on so.
+        The estimate of the level is its ``forecast``: the least cost over each street if crowds go on as forecast.
     """
     known, speeds, future = known_live_cost_to_go(params), params.futures.speeds, state.instance.future
     segment, slot = params.network.exit_segment[state.node], slot_at(speeds, state.clock)
@@ -145,5 +145,5 @@ def _crossing_now(params: EnvParams, state: EnvState, speeds: Speeds, future: In
 
 
 def _turning_back(params: EnvParams, local: Local) -> Exits | float:
-    """A walker who turns away from a street that is too dense would else be led back to it by the next estimate."""
+    """Penalty for going back to nodes left lately, s: else the next estimate would lead back to a street too dense."""
     return params.objective.penalty * (local.steps_since_visit <= RECENT_NODES) if params.objective.jumps else 0.0

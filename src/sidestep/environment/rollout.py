@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -34,7 +35,11 @@ class Walk(eqx.Module):
     """Clock in s at which each of them was left; after the last, when that was left."""
 
 
-_Carry = tuple[EnvState, Observation, Bool[Array, ""], Walk]  # the third: whether the walk is over
+class _Carry(NamedTuple):
+    state: EnvState
+    observation: Observation
+    over: Bool[Array, ""]
+    walk: Walk
 
 
 def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, ""], trace: int = 0) -> Walk:
@@ -62,21 +67,21 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
     segments, clocks = jnp.full(trace, ABSENT, jnp.int32), jnp.full(trace, instance.departure)
 
     def onward(carry: _Carry) -> _Carry:
-        before, observation, _, so_far = carry
-        state, outcome = step(params, before, decide(observation, jax.random.fold_in(key, before.steps)))
+        before, so_far = carry.state, carry.walk
+        state, outcome = step(params, before, decide(carry.observation, jax.random.fold_in(key, before.steps)))
         walked = Walk(
-            state.clock - instance.departure,
-            outcome.terminated,
-            state.steps,
-            so_far.cost + outcome.crossed.cost,
-            jax.tree.map(jnp.add, so_far.measures, outcome.crossed.measures),
-            jnp.where(jnp.arange(trace) == before.steps, outcome.segment, so_far.segments),
-            jnp.where(jnp.arange(trace) >= before.steps, state.clock, so_far.clocks),
+            seconds=state.clock - instance.departure,
+            arrived=outcome.terminated,
+            steps=state.steps,
+            cost=so_far.cost + outcome.crossed.cost,
+            measures=jax.tree.map(jnp.add, so_far.measures, outcome.crossed.measures),
+            segments=jnp.where(jnp.arange(trace) == before.steps, outcome.segment, so_far.segments),
+            clocks=jnp.where(jnp.arange(trace) >= before.steps, state.clock, so_far.clocks),
         )
-        return state, outcome.observation, outcome.terminated | outcome.truncated, walked
+        return _Carry(state, outcome.observation, outcome.terminated | outcome.truncated, walked)
 
     begun = Walk(nothing, there, start.steps, nothing, measures, segments, clocks)
-    *_, end = jax.lax.while_loop(lambda carry: ~carry[2], onward, (start, observation, there, begun))
+    end = jax.lax.while_loop(lambda carry: ~carry.over, onward, _Carry(start, observation, there, begun)).walk
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
     seconds = jnp.where(end.arrived, jnp.minimum(end.seconds, params.horizon), params.horizon)
     cost = params.objective.walk_cost(end.cost, seconds, end.arrived, params.horizon)

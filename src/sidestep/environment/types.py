@@ -105,7 +105,7 @@ def destinations_in_turn(futures: int, hours: Float[Array, " destination"]) -> M
     Returns
     -------
     Meant
-        Of each future.
+        Destination, hour and phase of each future.
     """
     destination = jnp.arange(futures) % hours.shape[0]
     return destination, hours[destination], light_phases(futures)

@@ -58,11 +58,11 @@ def join_records(records: Sequence[Record], join: Callable[[Sequence[np.ndarray]
     Returns
     -------
     Record
-        All walks; decisions take the median of the records' times.
+        All walks, at the level of the first record; decisions take the median of the records' times.
     """
     times = [record.decision_us for record in records if record.decision_us is not None]
-    untimed = (replace(record, decision_us=None) for record in records)
-    joined = jax.tree.map(lambda *arrays: join(arrays), *untimed)
+    alike = (replace(record, level=records[0].level, decision_us=None) for record in records)
+    joined = jax.tree.map(lambda *arrays: join(arrays), *alike)
     return replace(joined, decision_us=float(np.median(times)) if times else None)
 
 
@@ -217,7 +217,6 @@ def percent(share: float, digits: int = 1) -> str:
 
 
 _COLUMNS: dict[str, tuple[str, Callable[[Row], str]]] = {
-    "planner": ("planner", lambda _row: ""),
     "knows": ("knows", lambda row: row["level"]),
     "cost": ("cost", lambda row: f"{row.get('mean_cost_minutes', row['mean_minutes']):.1f}"),
     "minutes": ("minutes", lambda row: f"{row['mean_minutes']:.1f}"),
@@ -237,9 +236,9 @@ _COLUMNS: dict[str, tuple[str, Callable[[Row], str]]] = {
     "arrive": ("arrive", lambda row: percent(row["arrival_rate"])),
     "µs a decision": ("µs/decision", lambda row: f"{row.get('decision_us', math.nan):,.1f}"),
 }
-"""What is written above each column, and how a row's cell in it; a planner's name stands outside its row."""
+"""What is written above each column after that of the planner, and how each row's cell in it."""
 
-HEADINGS = {column: heading for column, (heading, _) in _COLUMNS.items()}
+HEADINGS = {"planner": "planner"} | {column: heading for column, (heading, _) in _COLUMNS.items()}
 """Columns of tables, in their usual order, and what is written above them."""
 
 TEXT_COLUMNS = ("planner", "knows")

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -19,6 +19,27 @@ WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 WALKS = 20
 CURVES = (BASELINE, BOUND)
+
+
+class TradeOffJson(TypedDict):
+    """The shape of ``trade-off --json``."""
+
+    scenario: str
+    summary: str
+
+    synthetic: str
+    """What is invented of its crowds; empty where nothing is."""
+
+    walks: int
+    seed: int
+
+    curves: dict[str, list[TradeOffPoint]]
+    """By planner, in the order of the weights."""
+
+    shortest_path: TradeOffPoint
+
+    attribution: str
+    """Whose streets they are; empty on grids."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +70,8 @@ class TradeOff:
         streets = attribution and f"Streets: {attribution}"
         return "\n".join(filter(None, (self.scenario.summary, self.scenario.place.synthetic, streets)))
 
-    def to_json(self) -> dict[str, Any]:
-        """Sum up in the shape of ``trade-off --json``.
-
-        Returns
-        -------
-        dict
-            Plain numbers and texts. ``synthetic`` says what is invented of the crowds, and is empty where nothing is;
-            ``attribution`` says whose streets they are, and is empty on grids.
-        """
+    def to_json(self) -> TradeOffJson:
+        """Sum up in the shape of ``trade-off --json``."""
         return {
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,

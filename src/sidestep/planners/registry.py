@@ -65,6 +65,11 @@ class PlannerInfo:
     planner: Planner | None = None
     """The planner itself; None where it has to be trained first."""
 
+    @property
+    def learns(self) -> bool:
+        """Whether it has to be trained before it walks."""
+        return self.planner is None
+
 
 def register_planner(planner: PlannerSource, *, use: str = "") -> PlannerSource:
     """Make a planner known by its name; also the decorator of a planner's class.
@@ -290,7 +295,7 @@ def choose_planners(
         loaded.check_destinations(draw_map(scenario, seed, loaded.index or 0), destinations)
         learned, only_map = loaded.planners, loaded.index
     if names is None:
-        names = [name for name, info in _BUILT_IN.items() if info.planner or (name == "darp" and not models)]
+        names = [name for name, info in _BUILT_IN.items() if not info.learns or (name == "darp" and not models)]
     found = {name: _info(name).name for name in (*names, REFERENCE, BASELINE, BOUND, against) if name not in learned}
     planners = {name: info.planner for name, info in _KNOWN.items() if name in found.values()} | learned
     factories: dict[str, PlannerFactory] = {}

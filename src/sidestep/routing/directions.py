@@ -13,7 +13,7 @@ SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""
 
 TURNS = ((20.0, "straight on"), (60.0, "bear {}"), (120.0, "turn {}"), (165.0, "sharp {}"), (math.inf, "turn round"))
-"""The words for a turn to a side, by its largest angle in degrees."""
+"""Words for a turn, by its largest angle in degrees; ``{}`` is the side."""
 
 CROWDING = ((0.31, "free"), (0.72, "busy"), (2.17, "dense"), (math.inf, "jammed"))
 """The word for a density, by its upper limit in persons/m².

@@ -68,20 +68,17 @@ def gpx(
     str
         An XML document.
     """
+    departs = None if departure is None else datetime.fromisoformat(departure)
 
     def time(minutes: float) -> str:
-        if departure is None:
-            return ""
-        return (datetime.fromisoformat(departure) + timedelta(minutes=minutes)).isoformat(timespec="seconds")
+        return "" if departs is None else (departs + timedelta(minutes=minutes)).isoformat(timespec="seconds")
 
     location = {"xmlns": _GPX, "xmlns:xsi": _XSI, "xsi:schemaLocation": f"{_GPX} {_GPX}/gpx.xsd"}
     root = ET.Element("gpx", {**location, "version": "1.1", "creator": "Sidestep"})
     metadata = ET.SubElement(root, "metadata")  # its parts have an order
     _put(metadata, name=name, desc=about)
-    _put(
-        ET.SubElement(metadata, "copyright", author=_UNPRINTABLE.sub("", attribution)),
-        license=_ODBL if "ODbL" in attribution else "",
-    )
+    legal = ET.SubElement(metadata, "copyright", author=_UNPRINTABLE.sub("", attribution))
+    _put(legal, license=_ODBL if "ODbL" in attribution else "")
     _put(metadata, time=time(0.0))
     course = np.array([point.place[::-1] for point in track])
     corners = zip(("minlat", "minlon", "maxlat", "maxlon"), (*course.min(axis=0), *course.max(axis=0)), strict=True)

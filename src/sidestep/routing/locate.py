@@ -1,12 +1,11 @@
 """The ends of a request on the streets, and its departure. The only module here that tells grids from towns."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import MAXYEAR, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -44,9 +43,9 @@ that all requests have the same shapes and share their compiled programs."""
 OnMap = tuple[list[Leg], list[Step] | None, StreetMap | None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LocatedRequest:
-    """A request with all that a planner needs to know."""
+    """A request with all that a planner needs to know. On grids, as it stands, streets have no names or coordinates."""
 
     request: RouteRequest
     facts: RequestFacts
@@ -55,8 +54,8 @@ class LocatedRequest:
     scenario_map: ScenarioMap
     """The streets, split at the ends, and the crowds on them from clock 0 on."""
 
-    streets: SplitStreets | None = None
-    """The same streets with their names and coordinates; None on grids."""
+    hours: Sequence[float]
+    """Hour of the week at clock 0, for the one destination."""
 
     baselines: tuple[Planner, ...] = ()
     """Planners that the plan is compared with."""
@@ -78,8 +77,22 @@ class LocatedRequest:
 
     def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
         """The legs with their streets, turns, and a map, given the densities on all segments in persons/m²."""
-        if self.streets is None:
-            return legs, None, None
+        del density  # which no map shows here
+        return legs, None, None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TownRequest(LocatedRequest):
+    """A request in a town."""
+
+    streets: SplitStreets
+    """The streets of the map with their names and coordinates."""
+
+    baselines: tuple[Planner, ...] = BASELINES
+    live_futures: int = LIVE_FUTURES
+
+    def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
+        """Name the streets of the legs, put turns into words, and show the densest crowd of each street."""
         town, street_of = self.streets.town, self.streets.street
         named = []
         for leg in legs:
@@ -112,18 +125,7 @@ def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteReq
     return TownLocator(scenario, scenario_map, scenario.place).locate
 
 
-def _facts(scenario: Scenario, request: RouteRequest, **more: Any) -> RequestFacts:
-    """The facts of a request, of which ``more`` depend on where it was located."""
-    return RequestFacts(
-        scenario=scenario.name,
-        objective=scenario.objective.to_json(),
-        by_minutes=request.by,
-        synthetic=scenario.place.synthetic,
-        **more,
-    )
-
-
-def _ends_asked(request: RouteRequest, nodes: int) -> dict[str, Place]:
+def _requested_ends(request: RouteRequest, nodes: int) -> dict[str, Place]:
     """The places that were asked for, by field; by default the first node and the last."""
     asked: dict[str, Place] = {}
     for name, place, default in (("origin", request.origin, 0), ("destination", request.destination, nodes - 1)):
@@ -137,7 +139,7 @@ def _locate_on_grid(scenario: Scenario, scenario_map: ScenarioMap, request: Rout
     """Ends are nodes, and the departure is minutes after the scenario's start."""
     ends: dict[str, End] = {}
     minutes = 0 if request.depart is None else request.depart
-    for name, place in _ends_asked(request, scenario_map.network.nodes).items():
+    for name, place in _requested_ends(request, scenario_map.network.nodes).items():
         if not isinstance(place, int):
             raise RouteError(f"the {name} must be a node: a grid has no latitudes and longitudes", field=name)
         ends[name] = End(place, f"node {place}")
@@ -146,17 +148,27 @@ def _locate_on_grid(scenario: Scenario, scenario_map: ScenarioMap, request: Rout
         raise RouteError(f"the departure must be minutes between 0 and {most}, not {minutes}", field="depart")
     if request.live is not None:
         raise RouteError("a grid has no sensors; leave out the live counts", field="live")
-    facts = _facts(
-        scenario,
-        request,
-        **ends,
+    facts = RequestFacts(
+        scenario=scenario.name,
+        objective=scenario.objective.to_json(),
+        by_minutes=request.by,
+        synthetic=scenario.place.synthetic,
+        origin=ends["origin"],
+        destination=ends["destination"],
         departs=f"{minutes:g} min after the start",
         departure_minutes=minutes,
         attribution="a grid of random lengths",
         crowds="simulated",
         expected_crowds="those that the scenario expects",
     )
-    return LocatedRequest(request, facts, scenario, scenario_map, clock=60 * minutes)
+    return LocatedRequest(
+        request=request,
+        facts=facts,
+        scenario=scenario,
+        scenario_map=scenario_map,
+        hours=scenario.place.departure_hours(1),
+        clock=60 * minutes,
+    )
 
 
 class TownLocator:
@@ -172,10 +184,12 @@ class TownLocator:
         """Find both ends on the streets, and the crowds at the departure."""
         hour, time, departs = self._departure(request.depart)
         streets, origin, destination = self._ends(request)
-        here, counted = self._counted(self._map.on_pieces(streets), request.live, time)
-        facts = _facts(
-            self._scenario,
-            request,
+        here, counted = self._with_counts(self._map.on_pieces(streets), request.live, time)
+        facts = RequestFacts(
+            scenario=self._scenario.name,
+            objective=self._scenario.objective.to_json(),
+            by_minutes=request.by,
+            synthetic=self._venue.synthetic,
             origin=origin,
             destination=destination,
             departure=None if time is None else time.isoformat(),
@@ -188,7 +202,10 @@ class TownLocator:
             expected_crowds=self._expected_crowds(hour, counted),
         )
         scenario = self._scenario.changed(departures=(0.0, 0.0))  # so that no slots are drawn that nobody walks in
-        return LocatedRequest(request, facts, scenario, here, streets, BASELINES, LIVE_FUTURES)
+        hours = self._venue.departure_hours(1) if hour is None else [hour]
+        return TownRequest(
+            request=request, facts=facts, scenario=scenario, scenario_map=here, hours=hours, streets=streets
+        )
 
     def _departure(self, depart: datetime | float | None) -> tuple[float | None, datetime | None, str]:
         """Hour of the week and local time, where there are such, and both for people."""
@@ -215,7 +232,7 @@ class TownLocator:
     def _ends(self, request: RouteRequest) -> tuple[SplitStreets, End, End]:
         """Both ends, on streets that are split there, so that either end of the street can be walked to."""
         town = self._snapper.town
-        asked = _ends_asked(request, town.nodes)
+        asked = _requested_ends(request, town.nodes)
         found: list[int | StreetPoint] = []
         for name, place in asked.items():
             with at_fault(name):
@@ -236,7 +253,9 @@ class TownLocator:
             return End(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
         return End(node, f"crossing {node}", *self._snapper.town.place[node, ::-1].tolist())
 
-    def _counted(self, here: ScenarioMap, live: Counts | None, time: datetime | None) -> tuple[ScenarioMap, int | None]:
+    def _with_counts(
+        self, here: ScenarioMap, live: Counts | None, time: datetime | None
+    ) -> tuple[ScenarioMap, int | None]:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""
         if live is None:
             return here, None

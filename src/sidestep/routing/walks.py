@@ -99,7 +99,13 @@ class _Walks:
 
     def times(self) -> WalkTimes:
         found, rate = spread(self.minutes, self.arrived, None), float(self.arrived.mean())
-        return WalkTimes(self.planner.level, len(self.minutes), found["median_minutes"], found["p90_minutes"], rate)
+        return WalkTimes(
+            level=self.planner.level,
+            futures=len(self.minutes),
+            median_minutes=found["median_minutes"],
+            p90_minutes=found["p90_minutes"],
+            arrival_rate=rate,
+        )
 
     def against(self, plan: "_Walks") -> BaselineTimes:
         """In the mean of those futures that both walked."""
@@ -114,12 +120,10 @@ class _Walker:
     """Walks one request through expected crowds and through futures."""
 
     def __init__(self, located: LocatedRequest, futures: int) -> None:
-        scenario, here, facts = located.scenario, located.scenario_map, located.facts
-        hour, nodes = facts.hour_of_week, np.array([[facts.destination.node]])
-        hours = scenario.place.departure_hours(1) if hour is None else [hour]
+        scenario, here, nodes = located.scenario, located.scenario_map, np.array([[located.facts.destination.node]])
         self._located, self._key = located, purpose_key(here, "test")
         self.params = make_environment(
-            scenario, here, "test", futures, level="map", destinations=nodes, hours=hours, densities=True
+            scenario, here, "test", futures, level="map", destinations=nodes, hours=located.hours, densities=True
         )
 
     def expected_route(self, planner: Planner, alone: EnvParams) -> Route:
