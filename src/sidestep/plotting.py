@@ -143,7 +143,7 @@ def crowded_map(
         label = f"{name}: {route.seconds / 60:.0f} min" + ("" if route.arrived else " (did not arrive)")
         axes.plot(*line.T, color=_look(name, rank)[0], linewidth=2.6, label=label, zorder=3, solid_joinstyle="round")
     # The destination is that of a walk that arrived, if any did.
-    shown, *_ = [route for route in routes.values() if route.arrived] or list(routes.values())
+    shown = next((route for route in routes.values() if route.arrived), next(iter(routes.values())))
     for node, text, up in ((shown.nodes[0], "origin", -16), (shown.nodes[-1], "destination", 10)):
         place = np.asarray(network.position)[node]
         axes.plot(*place, "o", color=INK, markersize=9, zorder=4)

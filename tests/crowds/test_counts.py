@@ -3,6 +3,7 @@
 import dataclasses
 import subprocess
 import sys
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from sidestep.crowds.counts import CountsError, CountTable, load_auckland, read_counts
+from sidestep.crowds.counts import CountsError, CountTable, latest_counts, load_auckland, read_counts
 
 # --- The table ------------------------------------------------------------------------------------------------------
 
@@ -185,3 +186,47 @@ def test_scenarios_can_be_built_without_pandas_and_statsmodels() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+# --- The last hour of a table ---------------------------------------------------------------------------------------
+
+NOON = datetime.fromisoformat("2025-05-24T12:00")  # a Saturday: hour 132 of the week
+SENSORS = ("bridge", "quay", "square")
+
+
+def counted(*names: str, last: str = "2025-05-24T12", count: float = 7.0) -> CountTable:
+    times = np.datetime64(last, "h") - np.arange(3)[::-1]
+    counts = np.where(np.arange(3)[:, None] == 2, count, 1.0) * np.ones(len(names))
+    return CountTable(times, names, counts, None, (), "live.csv")
+
+
+@pytest.mark.parametrize(
+    ("last", "departure", "since"),
+    [
+        ("2025-05-24T12", 0, -0.5),
+        ("2025-05-24T12", 45, 0.25),
+        ("2025-05-24T11", 0, 0.5),
+        ("2025-05-24T11", 59, 89 / 60),
+    ],
+)
+def test_the_last_hour_is_that_of_the_departure_or_the_one_before(last: str, departure: int, since: float) -> None:
+    latest = latest_counts(counted("square", "bridge", last=last), SENSORS, NOON.replace(minute=departure))
+    np.testing.assert_array_equal(latest.counts, [7, np.nan, 7])
+    assert (latest.known, latest.since) == (2, pytest.approx(since))
+    assert latest.hour == np.datetime64(last, "h")
+
+
+@pytest.mark.parametrize(
+    ("table", "field"),
+    [
+        (counted("bridge", "brigde"), "brigde"),
+        (counted("bridge", last="2025-05-24T10"), "time"),
+        (counted("bridge", last="2025-05-24T13"), "time"),
+        (counted("bridge", count=np.nan), "time"),
+    ],
+)
+def test_counts_that_do_not_fit_the_departure(table: CountTable, field: str) -> None:
+    with pytest.raises(CountsError) as caught:
+        latest_counts(table, SENSORS, NOON)
+    assert caught.value.field == field
+    assert str(caught.value).startswith("live.csv: ")

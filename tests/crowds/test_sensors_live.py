@@ -1,4 +1,4 @@
-"""The latest counts, and crowds that go on from them."""
+"""Crowds of sensors that go on from the latest counts."""
 
 import math
 from dataclasses import replace
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.crowds.counts import CountsError, CountTable, latest_counts
+from sidestep.crowds.counts import CountTable, latest_counts
 from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.sensor_model import SensorModel
 from sidestep.crowds.sensors import CurrentCounts, SensorFlow
@@ -227,52 +227,10 @@ def test_what_was_not_counted_may_last_too() -> None:
     distributed(hourly(futures), np.zeros(4), np.full(4, 0.25))
 
 
-# --- The last hour of a table ---------------------------------------------------------------------------------------
-
-NOON = datetime.fromisoformat("2025-05-24T12:00")  # a Saturday: hour 132 of the week
-SENSORS = ("bridge", "quay", "square")
-
-
-def counted(*names: str, last: str = "2025-05-24T12", count: float = 7.0) -> CountTable:
-    times = np.datetime64(last, "h") - np.arange(3)[::-1]
-    counts = np.where(np.arange(3)[:, None] == 2, count, 1.0) * np.ones(len(names))
-    return CountTable(times, names, counts, None, (), "live.csv")
-
-
-@pytest.mark.parametrize(
-    ("last", "departure", "since"),
-    [
-        ("2025-05-24T12", 0, -0.5),
-        ("2025-05-24T12", 45, 0.25),
-        ("2025-05-24T11", 0, 0.5),
-        ("2025-05-24T11", 59, 89 / 60),
-    ],
-)
-def test_the_last_hour_is_that_of_the_departure_or_the_one_before(last: str, departure: int, since: float) -> None:
-    latest = latest_counts(counted("square", "bridge", last=last), SENSORS, NOON.replace(minute=departure))
-    np.testing.assert_array_equal(latest.counts, [7, np.nan, 7])
-    assert (latest.known, latest.since) == (2, pytest.approx(since))
-    assert latest.hour == np.datetime64(last, "h")
-
-
-@pytest.mark.parametrize(
-    ("table", "field"),
-    [
-        (counted("bridge", "brigde"), "brigde"),
-        (counted("bridge", last="2025-05-24T10"), "time"),
-        (counted("bridge", last="2025-05-24T13"), "time"),
-        (counted("bridge", count=np.nan), "time"),
-    ],
-)
-def test_counts_that_do_not_fit_the_departure(table: CountTable, field: str) -> None:
-    with pytest.raises(CountsError) as caught:
-        latest_counts(table, SENSORS, NOON)
-    assert caught.value.field == field
-    assert str(caught.value).startswith("live.csv: ")
-
-
 def test_crowds_of_sensors_go_on_from_the_latest_counts() -> None:
-    latest = latest_counts(counted("quay"), ("bridge", "quay"), NOON.replace(minute=45))
+    last = np.array(["2025-05-24T12"], "datetime64[h]")  # a Saturday
+    table = CountTable(last, ("quay",), np.array([[7.0]]), None, (), "live.csv")
+    latest = latest_counts(table, ("bridge", "quay"), datetime.fromisoformat("2025-05-24T12:45"))
     before = replace(flow(None, 0.0), record=jnp.zeros((2, 168, 2)))
     after = before.going_on_from(latest)
     assert after.record is None

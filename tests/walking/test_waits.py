@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sidestep.scenarios.maps import DAY_OF_TRAFFIC, MOST_CROSSINGS
+from sidestep.scenarios.maps import DAY_OF_TRAFFIC, MOST_UNSIGNALISED
 from sidestep.walking.waits import NoWaits, Waits, gap_delay, light_phases
 
 ALL = jnp.arange(3)
@@ -98,7 +98,7 @@ def test_nobody_leaves_before_those_who_came_earlier(
     found = waits(
         offset=jnp.full(3, offset),
         vehicles=jnp.array(DAY_OF_TRAFFIC) * busiest,
-        unsignalised=jnp.full(3, float(MOST_CROSSINGS)),
+        unsignalised=jnp.full(3, float(MOST_UNSIGNALISED)),
     )
     early, late = (
         leave(found, jnp.float32(hour), jnp.float32(phase), jnp.full(3, clock)) for clock in sorted((one, other))

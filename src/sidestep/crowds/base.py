@@ -18,8 +18,8 @@ Slots = Int[Array, " slots"]
 """Numbers of slots; slot 0 begins at clock 0."""
 Counts = Float[Array, " counter"]
 """What each counter counts in one slot: persons on every segment, or persons/m² at every sensor."""
-Hours = Float[Array, " future"]
-"""Hours of the week at clock 0, one for each future; 0 is Monday 0:00."""
+Hours = Float[Array, " hour"]
+"""Hours of the week at clock 0, one for each future or destination; 0 is Monday 0:00."""
 
 
 class FlowField(eqx.Module):

@@ -147,8 +147,10 @@ def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
         names = [name.strip().lower() for name in file.schema_arrow.names]
         _check_names(path, names, error, None)
         _check_rows(path, file.metadata.num_rows, error)
-        columns = file.read().rename_columns(names).to_pydict()
-        cells = {name: list(map(_stripped, column)) for name, column in columns.items()}
+        cells = {
+            name: list(map(_stripped, column.to_pylist()))
+            for name, column in zip(names, file.read().columns, strict=True)
+        }
     except SidestepError:
         raise
     except (pa.ArrowException, OSError, LookupError, TypeError, ValueError, ArithmeticError, MemoryError) as found:

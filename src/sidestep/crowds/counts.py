@@ -102,7 +102,7 @@ class CountTable:
         Returns
         -------
         table
-            Of these hours alone.
+            These hours.
 
         Raises
         ------

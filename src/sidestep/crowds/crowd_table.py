@@ -163,7 +163,7 @@ def load_crowd_table(path: str | Path) -> CrowdTable:
 
 
 def _faults(stored: Mapping[str, np.ndarray]) -> Iterator[tuple[str, bool, str]]:
-    """What may be wrong with a stored table: the entry, whether it is, and what to say; each relies on those before."""
+    """Check a stored table, in order, since later checks rely on earlier ones: entry, whether it is wrong, message."""
     unknown = "format" not in stored or "quantity" not in stored
     yield "format", unknown, "it is not a table of crowds; make one with sidestep counts import"
     other = bool(stored["format"].shape) or stored["format"] != FORMAT

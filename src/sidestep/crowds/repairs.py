@@ -61,7 +61,7 @@ def ordered_times(times: Rows) -> Rows:
 
 
 def fill_hours(times: Rows, counts: Float[np.ndarray, "row sensor"]) -> tuple[Times, Counts, Bool[np.ndarray, " hour"]]:
-    """Give every hour from the first to the last a row, NaN where there was none.
+    """Give every hour from the first to the last a row, NaN where there was none; ``times`` ascend, each once.
 
     Returns
     -------

@@ -88,7 +88,7 @@ def summarise_counts(file: Path | None, sensor: str | None, order: Order, seed: 
     sensor
         By default the one that the paper's scenarios use, or the first of the file.
     order
-        Of the ARIMA.
+        Order (p, d, q) of the ARIMA; the data choose d where it is None.
     seed
         Of the simulated week.
 
@@ -156,7 +156,7 @@ def one_step_errors(
     train, test
         First hour, and the one past the last (local wall time). The test may look back before its start, never ahead.
     order
-        Of the ARIMA.
+        Order (p, d, q) of the ARIMA.
 
     Returns
     -------

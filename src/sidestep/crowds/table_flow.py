@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.crowds.base import Counts, Index, Scalar, Slots
+from sidestep.crowds.noisy_flow import NoisyFlow
 from sidestep.crowds.profile import day_and_time
-from sidestep.crowds.rush import NoisyFlow
 
 HOUR, DAY, WEEK = 3600.0, 24 * 3600.0, 7 * 24 * 3600.0
 
@@ -52,7 +52,7 @@ class TableFlow(NoisyFlow):
         return f"{self.span / HOUR:g} hours from {day_and_time(self.begins)} on"
 
     def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:
-        """Mean volumes from this slot on; people who are there where nobody is expected stay for this slot."""
+        """Mean volumes from this slot on; counts hold for this slot, even where nobody was expected."""
         return super().ahead(now, hour, slot, slots).at[0].set(now)
 
     def on_pieces(self, parent: Int[Array, " piece"], fraction: Float[Array, " piece"]) -> "TableFlow":

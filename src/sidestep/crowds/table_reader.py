@@ -113,7 +113,8 @@ def _entries(columns: Columns, place: str, town: Town) -> pd.DataFrame:
     ways = pd.DataFrame({"street": street, "backwards": backwards, "from": tail, "to": head}).rename_axis("segment")
     keys = ["from", "to"] if place == "from" else [place]
     rows = pd.DataFrame({key: columns.whole_numbers(key) for key in keys}).rename_axis("row").reset_index()
-    entries = rows.merge(ways.reset_index(), on=keys).sort_values("row", kind="stable", ignore_index=True)
+    several_ways = ways.reset_index()[[*dict.fromkeys((*keys, "backwards", "segment"))]]
+    entries = rows.merge(several_ways, on=keys).sort_values("row", kind="stable", ignore_index=True)
     number = np.bincount(entries["row"], minlength=len(rows))
     if place == "from":
         for key in keys:
@@ -130,7 +131,7 @@ def _entries(columns: Columns, place: str, town: Town) -> pd.DataFrame:
         columns.refuse_any("direction", ~known, "is neither forward nor backward nor empty")
         entries = entries[direction[entries["row"]] != np.where(entries["backwards"], "forward", "backward")]
         columns.refuse_any("direction", ~np.isin(rows["row"], entries["row"]), "is not how this street is walked")
-    return entries
+    return entries[["row", "segment"]]
 
 
 def _slots(columns: Columns, entries: pd.DataFrame, told: float | None) -> tuple[WholeNumbers, float, datetime]:

@@ -127,7 +127,7 @@ def read_graphml(file: BinaryIO) -> Town:
 
 
 class _Edge:
-    """One directed edge, its values made sense of; a street with others it is paired with."""
+    """One directed edge with its values parsed; with the edge that leads back it is one street."""
 
     def __init__(
         self, number: int, tail: int, head: int, values: dict[str, Any], place: Float[np.ndarray, "node 2"]

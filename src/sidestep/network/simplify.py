@@ -110,7 +110,7 @@ def simplify(streets: Streets, metres: float) -> tuple[Streets, Counter[str]]:
     Returns
     -------
     Streets, Counter
-        The streets that are left, and by how many there are fewer for which reason.
+        The streets that are left, and how many went, by reason.
     """
     fewer: Counter[str] = Counter()
     before = -1
@@ -202,7 +202,7 @@ def _clusters(
 
 
 def _pass_on_traffic(streets: Streets, gone: Bool[np.ndarray, " street"], ends: Int[np.ndarray, "street 2"]) -> Streets:
-    """Count crossings of vehicle traffic along streets that go for other streets at the same merged crossing."""
+    """Pass crossings of vehicle traffic on removed streets on to other streets of the same merged crossing."""
     heirs: dict[int, list[int]] = {node: [] for node in ends[gone, 0].tolist()}
     stays = np.flatnonzero(~gone & (ends[:, 0] != ends[:, 1]))
     for street in stays[np.argsort(streets.length[stays], kind="stable")].tolist():

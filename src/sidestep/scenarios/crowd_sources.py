@@ -107,7 +107,8 @@ def check_crowds(venue: Venue, snapper: Snapper, attempt: Callable[..., Any]) ->
     """
     match venue.crowd_source:
         case Counters() as source:
-            if table := attempt(("crowd_source", "file"), counts_of, source.file):
+            table = attempt(("crowd_source", "file"), counts_of, source.file)
+            if table is not None:
                 for name in ("fitted", "tested"):
                     attempt(("crowd_source", name), table.between, *getattr(source, name))
                 for sensor in source.sensors:

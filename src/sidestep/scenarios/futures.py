@@ -13,7 +13,15 @@ from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.base import Field, FlowModel
 from sidestep.environment.cost_to_go import WINDOW, expected_cost_to_go, live_cost_to_go
-from sidestep.environment.types import EnvParams, Futures, Information, LiveCostToGo, Meant, destinations_in_turn
+from sidestep.environment.types import (
+    EnvParams,
+    Futures,
+    Information,
+    LiveCostToGo,
+    Meant,
+    destinations_in_turn,
+    futures_in_turn,
+)
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import Purpose, ScenarioMap, purpose_key
@@ -205,8 +213,7 @@ def _environment(
 ) -> EnvParams:
     field = crowds.flow.expected(hours, crowds.slots)
     expected = walking_speeds(network, field, crowds.law, densities=densities)
-    undisturbed = Futures(expected, *destinations_in_turn(expected.count, hours))
-    params = EnvParams(network, undisturbed, expected, level=level, **rest)
+    params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, **rest)
     if level in ("map", "live"):
         nothing = jnp.zeros((len(destinations), network.nodes), bool)
         where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)

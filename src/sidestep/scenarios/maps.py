@@ -32,7 +32,7 @@ from sidestep.scenarios.stations import check_ways, crossings, nearest
 from sidestep.walking.speed_laws import Law
 from sidestep.walking.waits import NoWaits, Waits
 
-MOST_CROSSINGS = 8  # without lights on one street; with more, waits might change faster than time goes by
+MOST_UNSIGNALISED = 8  # crossings without lights on one street; with more, waits might change faster than time goes by
 # Of the busiest hour's traffic, by hour of the day: a working day in a city, as an assumption.
 DAY_OF_TRAFFIC = (
     0.10, 0.06, 0.05, 0.05, 0.08, 0.20, 0.45, 0.80, 0.95, 0.75, 0.70, 0.75,
@@ -177,7 +177,7 @@ def _key(seed: int, index: int) -> Key[Array, ""]:
     Returns
     -------
     Key[Array, ""]
-        Another one for every seed and number.
+        Different for every seed and map number.
 
     Raises
     ------
@@ -309,7 +309,7 @@ def waits_of(snapper: Snapper, traffic: Traffic | None) -> Waits | NoWaits:
     drawn = np.random.default_rng([traffic.seed, town.streets]).uniform(0, traffic.cycle, town.streets)
     timing = np.broadcast_arrays(traffic.cycle, traffic.green, drawn)
     # One row a street: its lights and its other crossings; cycle, green and offset of the first light.
-    rows = np.stack([town.signals, np.minimum(town.crossings, MOST_CROSSINGS), *timing], axis=1)
+    rows = np.stack([town.signals, np.minimum(town.crossings, MOST_UNSIGNALISED), *timing], axis=1)
     for light in traffic.lights:
         row = rows[nearest(snapper, light.place, "lights", light.name).street]
         row[:] = max(row[0], 1), row[1], light.cycle, light.green, light.offset
@@ -325,7 +325,7 @@ def mistakes(venue: Venue) -> list[Fault]:
     Parameters
     ----------
     venue
-        The place; it need not be that its files hold anything.
+        The place; its files may be missing or damaged.
 
     Returns
     -------
@@ -342,7 +342,7 @@ def mistakes(venue: Venue) -> list[Fault]:
             found.append(Fault(path, str(error) if error.field else f"{'.'.join(path)}: {error}"))
 
     snapper = attempt(("streets",), lambda: Snapper(town_of(venue.streets)))
-    if snapper and check_crowds(venue, snapper, attempt):
+    if snapper is not None and check_crowds(venue, snapper, attempt):
         for light in venue.traffic.lights if venue.traffic else ():
             attempt(("traffic", "lights", light.name), nearest, snapper, light.place, "lights", light.name)
         origins = attempt(("origins",), crossings, snapper, "origins", venue.origins)
@@ -353,7 +353,7 @@ def mistakes(venue: Venue) -> list[Fault]:
 
 
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose, part: int = 0) -> Key[Array, ""]:
-    """The random stream of one purpose on one map, or of a part of what serves that purpose."""
+    """The random stream of one purpose on one map; ``part`` numbers independent streams within it."""
     key = jax.random.fold_in(scenario_map.key, PURPOSES.index(purpose))
     return jax.random.fold_in(key, part) if part else key
 

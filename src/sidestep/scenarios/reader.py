@@ -147,7 +147,7 @@ class VenueFile(Venue):
 
 
 class RewardFile(RewardSpec):
-    """``[reward]``, which gives nothing but what it names."""
+    """``[reward]``; fields that it leaves out are 0, except ``unit_seconds``."""
 
     progress: float = 0.0
     bonus: float = 0.0
@@ -192,7 +192,7 @@ def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **c
         Unknown names and fields, wrong values, files that hold no scenario.
     """
     name = str(name_or_file)
-    in_a_file = name.endswith(".toml") or set(name) & {os.sep, os.altsep} or os.path.lexists(Path(name))
+    in_a_file = name.endswith(".toml") or set(name) & {os.sep, os.altsep} or os.path.exists(name)  # noqa: PTH110 - Path.exists raises where a name is too long
     found = load_scenario(name) if name not in BUILT_IN and in_a_file else scenario(name)
     if objective is not None:
         changes["objective"] = read_objective(objective)
@@ -253,7 +253,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def _text(path: Path) -> str:
-    if os.path.lexists(path) and path.is_dir():
+    if os.path.isdir(path):  # noqa: PTH112 - as above
         raise ScenarioError(f"{path} is a folder; name the file in it, such as {path / 'scenario.toml'}")
     try:
         with path.open("rb") as file:

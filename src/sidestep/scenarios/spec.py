@@ -176,9 +176,10 @@ def _walk(kind: type[BaseModel], place: Iterable[str | int]) -> tuple[tuple[str,
             kinds = tagged
         elif kinds and isinstance(element, str):  # else it is in plain values, or the number of a spec in a list
             path.append(element)
-            for name, field in _fields(kinds):
-                if element in (name, field.alias):
-                    path[-1], kinds = field.alias or name, list(_specs_in(field.annotation))
+            fields = [(name, field) for name, field in _fields(kinds) if element in (name, field.alias)]
+            for name, field in fields[:1]:
+                path[-1] = field.alias or name
+            kinds = [spec for _, field in fields for spec in _specs_in(field.annotation)] if fields else kinds
     return tuple(path), kinds
 
 

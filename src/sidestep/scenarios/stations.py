@@ -167,13 +167,13 @@ def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tup
     ways = (np.ones(network.segments), (np.asarray(network.tail), np.asarray(network.head)))
     forth = csr_array(ways, shape=(network.nodes,) * 2)
     back, nodes = forth.T.tocsr(), np.arange(network.nodes)
-    joined = partial(breadth_first_order, return_predecessors=False)
-    strays = np.unique(np.concatenate([joined(forth, node) for node in origins])) if origins else nodes
+    reached = partial(breadth_first_order, return_predecessors=False)
+    strays = np.unique(np.concatenate([reached(forth, node) for node in origins])) if origins else nodes
     if not destinations:  # if all come to one crossing, and from there to all, then all come to all
         first = int(strays[0])
-        destinations = (first, *np.setdiff1d(nodes, joined(forth, first)).tolist()[:1])
+        destinations = (first, *np.setdiff1d(nodes, reached(forth, first)).tolist()[:1])
     for destination in destinations:
-        lost = np.setdiff1d(strays, joined(back, destination))
+        lost = np.setdiff1d(strays, reached(back, destination))
         if len(lost):
             raise ScenarioError(
                 f"no path leads from crossing {lost[0]} to crossing {destination}; choose origins and destinations in "

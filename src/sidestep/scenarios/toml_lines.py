@@ -25,8 +25,7 @@ def line_of(text: str, keys: tuple[str, ...]) -> int:
     int
         1 where none of the tables is there either.
     """
-    line, *_ = max(_statements(text), key=lambda statement: _depth(statement[1], statement[2], keys))
-    return line
+    return max(_statements(text), key=lambda statement: _depth(statement[1], statement[2], keys))[0]
 
 
 def _depth(header: list[str], values: object, keys: tuple[str, ...]) -> int:

@@ -26,7 +26,7 @@ def rule(holds: Callable[[Any], bool], must: str) -> AfterValidator:
     AfterValidator
         For the field's annotation.
     """
-    return AfterValidator(lambda value: _kept(value, holds(value), must))
+    return AfterValidator(lambda value: _refuse_unless(holds(value), value, must))
 
 
 def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) -> Any:
@@ -53,12 +53,12 @@ def across(field: str, holds: Callable[[Any, dict[str, Any]], bool], must: str) 
             held = holds(value, info.data)
         except KeyError:
             return value
-        return _kept(value, held, must)
+        return _refuse_unless(held, value, must)
 
     return field_validator(field)(check)
 
 
-def _kept(value: Any, held: object, must: str) -> Any:
+def _refuse_unless(held: object, value: Any, must: str) -> Any:
     if not held:
         raise ValueError(f"{must}, not {shown(value)}")
     return value

@@ -14,7 +14,7 @@ CrossingRule = Literal["integrated", "entry"]
 """``entry`` (the paper, eq. 4) keeps the speed at entry to the end; ``integrated`` walks through the slots that the
 crossing spans, each at its own speed, so that nobody who enters later leaves earlier (FIFO)."""
 
-Segments = Float[Array, " segment"]
+BySegment = Float[Array, " segment"]
 SlotBySlot = Float[Array, "slot segment"]
 
 
@@ -56,13 +56,13 @@ def exposure(density: Float[Array, "*n slot"], slot_seconds: float, begin: Numbe
     return jnp.sum(density * jnp.maximum(there, 0.0), axis=-1)
 
 
-_Slots = tuple[Index, Int[Array, " segment"], Segments, Segments]
+_Slots = tuple[Index, Int[Array, " segment"], BySegment, BySegment]
 """A slot; up to it the latest that each segment is walked in, with its speed and the metres covered before it."""
 
 
 def crossing_times(
-    speed: SlotBySlot, covered: SlotBySlot, slot_seconds: float, length: Segments, clock: Segments, rule: CrossingRule
-) -> Segments:
+    speed: SlotBySlot, covered: SlotBySlot, slot_seconds: float, length: BySegment, clock: BySegment, rule: CrossingRule
+) -> BySegment:
     """:func:`crossing_time` of all segments at once, each entered at its own clock; slots come first.
 
     The same to the bit, but slot by slot for all segments instead of through the whole row of each: few slots are

@@ -63,7 +63,7 @@ class TravelTime(eqx.Module):
         Returns
         -------
         crossing
-            With the measures that this objective counts.
+            Its cost, and the measures that this objective needs.
         """
         return Crossing(seconds, seconds, {})
 

@@ -174,7 +174,7 @@ def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densit
     Returns
     -------
     speeds
-        A table, or what works them out from the counters.
+        A table, or speeds computed from the counters on demand.
     """
     if crowds.interpolated:
         return SensedSpeeds(crowds, law)

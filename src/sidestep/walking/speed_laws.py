@@ -13,7 +13,7 @@ FREE_SPEED = 1.34  # m/s, the paper's x0 and Weidmann's mean
 class SpeedLaw(eqx.Module):
     """Walking speed as a function of density."""
 
-    free_speed: float = eqx.field(static=True, default=FREE_SPEED)
+    free_speed: float = eqx.field(static=True, default=FREE_SPEED, kw_only=True)
     """Speed in an empty street, m/s."""
 
     def speed(self, density: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
