@@ -75,9 +75,12 @@ class LocatedRequest:
         """How many of ``count`` futures a planner walks by default."""
         return min(count, self.live_futures) if planner.observes == "live" else count
 
-    def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
+    def on_map(
+        self,
+        legs: list[Leg],
+        density: Float[np.ndarray, " segment"],  # noqa: ARG002 - for maps of towns
+    ) -> OnMap:
         """The legs with their streets, turns, and a map, given the densities on all segments in persons/m²."""
-        del density  # which no map shows here
         return legs, None, None
 
 
