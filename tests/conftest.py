@@ -1,5 +1,7 @@
 """Types and shapes checked at run time; one Hypothesis profile; the smallest networks."""
 
+import ctypes
+import gc
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,16 +36,32 @@ from sidestep.walking.speed_field import SpeedField, speed_field  # noqa: E402
 settings.register_profile("sidestep", derandomize=True, deadline=None)
 settings.load_profile("sidestep")
 
+# Garbage is looked for less often: JAX makes objects by the million, and few of them are garbage in cycles.
+gc.set_threshold(50_000, 20, 20)
+
 MakeField = Callable[..., SpeedField]
 MakeParams = Callable[..., EnvParams]
 MakeInstance = Callable[..., Instance]
 
 
+@pytest.fixture(scope="session")
+def give_back() -> Callable[[], None]:
+    """Give the system the memory that the compiler no longer uses; glibc keeps it otherwise."""
+
+    def trim() -> None:
+        if hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
+            libc.malloc_trim(0)
+
+    return trim
+
+
 @pytest.fixture(scope="module", autouse=True)
-def bounded_memory() -> Iterator[None]:
+def bounded_memory(give_back: Callable[[], None]) -> Iterator[None]:
     """Compiled programs take gigabytes in the end; modules share few of them."""
     yield
     jax.clear_caches()
+    gc.collect()
+    give_back()
 
 
 @pytest.fixture(scope="session")

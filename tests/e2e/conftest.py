@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -21,6 +21,13 @@ class Done:
     returncode: int
     stdout: str
     stderr: str
+
+
+@pytest.fixture(autouse=True)
+def little_memory(give_back: Callable[[], None]) -> Iterator[None]:
+    """One command may compile so much that what the one before it needed for that must not be kept."""
+    yield
+    give_back()
 
 
 @pytest.fixture(scope="session")
