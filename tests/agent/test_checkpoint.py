@@ -24,6 +24,7 @@ LOCAL = preset("default", "local").changed(
     n_step=2, futures=4, fresh_futures=2, test_walks=2,
 )  # fmt: skip
 PROBLEM = scenario("paper-congested", side=3, crowded_nodes=1)
+SHIFTING = scenario("shifting-crowds", side=3, crowded_nodes=1, horizon=3600.0)
 UNSEEN = scenario("unseen-maps", side=3, larger=(4,), crowded_nodes=1, training_maps=2, horizon=3600.0)
 
 
@@ -58,7 +59,7 @@ def plain(state: TrainState) -> list[np.ndarray]:
     [
         (CONFIG.changed(keep="last"), PROBLEM),
         (PRESETS["tabular-q"].changed(rounds=1, round_steps=640), PROBLEM),
-        (LOCAL, scenario("shifting-crowds", side=3, crowded_nodes=1, horizon=3600.0)),
+        (LOCAL, SHIFTING),
         (LOCAL.changed(level="map", places=0, destinations=2), UNSEEN),
     ],
     ids=["position", "table", "local", "unseen"],
@@ -97,7 +98,7 @@ def test_a_model_is_the_network_that_the_configuration_keeps(saved: tuple[Path, 
 
 def test_margins_can_be_changed_after_training() -> None:
     config = LOCAL.changed(correction_margin_seconds=30.0, estimate_when_revisiting=True)
-    model = as_if_trained(config, scenario("rush-16", side=3, crowded_nodes=1, horizon=3600.0)).model
+    model = as_if_trained(config, SHIFTING).model
     assert (model.policy.margin, model.policy.estimate_when_revisiting) == (0.5, True)
     without = model.changed(correction_margin_seconds=0.0, estimate_when_revisiting=False)
     assert (without.policy.margin, without.policy.estimate_when_revisiting) == (0, False)

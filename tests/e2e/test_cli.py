@@ -26,7 +26,7 @@ WITHOUT_SEED = ("import-osm", "new", "planners", "scenarios")
 @pytest.fixture(scope="session")
 def model(sidestep, tmp_path_factory):
     folder = tmp_path_factory.mktemp("models") / "m"
-    done = sidestep("train", *GRID, "--rounds", 3, "--out", folder)
+    done = sidestep("train", *GRID, "--out", folder)  # as comparisons train their own agents
     assert done.returncode == 0, done.stderr
     assert "\nthe paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people\n" in done.stdout
     return folder
@@ -152,8 +152,9 @@ def test_the_same_seed_gives_the_same_numbers(sidestep):
 
 
 def test_demo_writes_a_picture(sidestep, monkeypatch, tmp_path):
-    # What three rounds learn is enough to draw.
+    # What three rounds learn and five walks meet is enough to draw.
     monkeypatch.setattr(demo, "CONFIG", demo.CONFIG.changed(rounds=3))
+    monkeypatch.setattr(demo, "WALKS", 5)
     done = sidestep("demo", "--out", tmp_path / "d")
     assert done.returncode == 0, done.stderr
     assert "darp" in done.stdout
@@ -181,10 +182,10 @@ def test_trade_off_draws_a_picture(sidestep, tmp_path):
 
 def test_train_resumes_where_it_was(sidestep, model):
     args = ("train", *GRID, "--json")
-    straight = json.loads(sidestep(*args, "--rounds", 3).stdout)
-    assert len(straight["curve_minutes"]) == 3
-    assert one_sentence(sidestep(*args, "--rounds", 3, "--out", model, "--resume")).count("trained to the end") == 1
-    assert "seed" in one_sentence(sidestep(*args, "--rounds", 3, "--out", model, "--resume", "--seed", 5))
+    straight = json.loads(sidestep(*args).stdout)
+    assert len(straight["curve_minutes"]) == 40
+    assert one_sentence(sidestep(*args, "--out", model, "--resume")).count("trained to the end") == 1
+    assert "seed" in one_sentence(sidestep(*args, "--out", model, "--resume", "--seed", 5))
     assert "--out" in one_sentence(sidestep(*args, "--resume"))
 
 
@@ -272,7 +273,8 @@ def test_route_takes_a_model(sidestep, model, local_model):
 
 def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
     folder = tmp_path / "m"
-    command = [sys.executable, "-m", "sidestep", "train", "paper-unblocked", "--rounds", "100000", "--out", str(folder)]
+    endless = ("--preset", "tabular-q", "--rounds", "100000")  # tables take less compiling than networks
+    command = [sys.executable, "-m", "sidestep", "train", "paper-unblocked", *endless, "--out", str(folder)]
     # A child inherits ignored signals (a job in the background ignores interrupts), but never a handler of ours.
     # (Not by `preexec_fn`: that forks, and JAX warns of forks.)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -300,7 +302,7 @@ def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
 
 
 def test_reproduce_writes_everything(sidestep, agreed_row, monkeypatch, tmp_path):
-    # Three rounds as in the demonstration above, so that one compiled program serves both.
+    # Rounds and walks as in the demonstration above, so that compiled programs serve both.
     monkeypatch.setattr(paper, "QUICK", paper.Plan(maps=2, literal_maps=1, rounds=3, literal_rounds=1, walks=5))
     out = tmp_path / "r"
     done = sidestep("reproduce", "--quick", "--out", out, "--json")

@@ -77,7 +77,7 @@ def test_files_of_a_route(helsinki, tmp_path) -> None:
 
 
 def test_a_grid(command) -> None:
-    args = ("paper-congested", "--futures", "20", "--depart", "5", "--from", "7", "--to", "9")
+    args = ("paper-congested", "--depart", "5", "--from", "7", "--to", "9")
     found = json.loads(command(*args, "--by", "90", "--json"))
     assert (found["nodes"][0], found["nodes"][-1], found["by_minutes"]) == (7, 9, 90)
     said = command(*args)
@@ -126,7 +126,7 @@ def test_bad_input_ends_the_process_with_a_sentence(tmp_path) -> None:
         ("paper-congested --from -1", "origin"),
         ("paper-congested --to -1", "destination"),
         ("paper-congested --to 36", "destination"),
-        ("paper-congested --format gpx --futures 1", "format"),
+        ("paper-congested --format gpx", "format"),
         ("paper-congested --live none.csv", "live"),
         ("paper-congested --depart soon", "depart"),
         ("paper-congested --depart nan", "depart"),

@@ -1,6 +1,7 @@
 """Objectives and waits in the environment: by hand on the diamond, and searches beside every way there is."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +30,7 @@ from sidestep.walking.waits import Waits
 KEY = jax.random.key(0)
 SLOT = 100.0
 ONE_HOUR = jnp.zeros(1)
+crossed = jax.jit(cross)
 
 
 def crowded(network: RoadNetwork, speed: np.ndarray, density: np.ndarray, objective: Objective) -> EnvParams:
@@ -53,11 +55,13 @@ def steady(diamond) -> EnvParams:
 
 def test_a_crossing_by_hand(steady) -> None:
     # 0 > 1 entered at 50 s: 50 s at 2 persons/m² and 50 at 1
-    one = cross(steady, jnp.int32(0), jnp.int32(0), jnp.float32(50))
+    one = crossed(steady, jnp.int32(0), jnp.int32(0), jnp.float32(50))
     assert (float(one.seconds), float(one.measures["metres"]), float(one.measures["exposure"])) == (100, 100, 150)
     assert float(one.cost) == pytest.approx(100 + 0.1 * 100 + 0.5 * 150)
     # Long after the last slot.
-    assert float(cross(steady, jnp.int32(0), jnp.int32(1), jnp.float32(1e4)).measures["exposure"]) == pytest.approx(200)
+    assert float(crossed(steady, jnp.int32(0), jnp.int32(1), jnp.float32(1e4)).measures["exposure"]) == pytest.approx(
+        200
+    )
 
 
 def test_all_segments_at_once_are_each_alone(steady) -> None:
@@ -65,7 +69,7 @@ def test_all_segments_at_once_are_each_alone(steady) -> None:
     assert every.cost.shape == (8, 8)
     for number, clock in ((0, 0.0), (3, 75.0), (7, 175.0)):
         for segment in (0, 1, 3):
-            one = cross(steady, jnp.int32(0), jnp.int32(segment), jnp.float32(clock))
+            one = crossed(steady, jnp.int32(0), jnp.int32(segment), jnp.float32(clock))
             assert float(every.cost[number, segment]) == pytest.approx(float(one.cost), rel=1e-6)
 
 
@@ -93,7 +97,7 @@ def test_crowds_that_come_as_expected(steady) -> None:
     params = as_expected(replace(steady, futures=futures_in_turn(speeds, jnp.array([7.0, 30.0])), waits=waits))
     assert (params.futures.count, params.futures.hour.tolist()) == (1, [7])
     # 20 s of waiting and 100 s of walking among 2 persons/m² till 100 s, then among 1
-    one = cross(params, jnp.int32(0), jnp.int32(0), jnp.float32(0))
+    one = crossed(params, jnp.int32(0), jnp.int32(0), jnp.float32(0))
     assert (float(one.seconds), float(one.measures["exposure"])) == (120, 220)
 
 
@@ -215,12 +219,14 @@ def test_searches_are_as_good_as_the_best_of_all_ways(make_instance, lit: bool) 
         one = jnp.ones(network.segments)
         waits = Waits(one, 0 * one, 90 * one, 30 * one, offset, jnp.zeros(24), 8.0)
         params = replace(params, waits=waits)
-    crossed = jax.jit(lambda segment, clock: cross(params, jnp.int32(0), segment, clock))
+
+    def over(segment: int, clock: float) -> Any:
+        return crossed(params, jnp.int32(0), jnp.int32(segment), jnp.float32(clock))
 
     def cost(way: list[int], departure: float) -> float:
         clock, total = departure, 0.0
         for segment in way:
-            one = crossed(jnp.int32(segment), jnp.float32(clock))
+            one = over(segment, clock)
             clock, total = clock + float(one.seconds), total + float(one.cost)
         return total
 
@@ -232,7 +238,7 @@ def test_searches_are_as_good_as_the_best_of_all_ways(make_instance, lit: bool) 
         walks = make_instance([0] * 3, 8, departures)
         walked = walk_plan(planner, known, planner.plan(known, walks), walks, KEY)
         if not objective.needs_density:
-            fastest = [min(seconds(crossed, way, at) for way in ways(network, 0, 8)) for at in departures]
+            fastest = [min(seconds(over, way, at) for way in ways(network, 0, 8)) for at in departures]
             np.testing.assert_allclose(walked.seconds, fastest, rtol=1e-5)
         else:
             # Between steps costs are taken to be linear.
@@ -240,8 +246,8 @@ def test_searches_are_as_good_as_the_best_of_all_ways(make_instance, lit: bool) 
             np.testing.assert_allclose(walked.cost, best, rtol=0.03 if lit else 0.01)
 
 
-def seconds(crossed, way: list[int], departure: float) -> float:
+def seconds(over, way: list[int], departure: float) -> float:
     clock = departure
     for segment in way:
-        clock += float(crossed(jnp.int32(segment), jnp.float32(clock)).seconds)
+        clock += float(over(segment, clock).seconds)
     return clock - departure

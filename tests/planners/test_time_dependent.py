@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.planners.base import routes, walk_plan
 from sidestep.planners.time_dependent import Clairvoyant, Expected, earliest_arrivals, leaving
@@ -221,24 +222,27 @@ def test_in_hindsight_one_walks_into_the_jam_that_clears(diamond, make_params, m
         assert (route.nodes, route.seconds) == ((0, 2, 3), pytest.approx(400))
 
 
-def test_the_departure_decides(diamond, make_params, make_instance) -> None:
-    _, real = jams()
-    params = make_params(diamond, real)
-    todo = make_instance([0, 2], 3, [300.0, 40.0])
+@pytest.fixture(scope="module")
+def both(diamond, make_params) -> EnvParams:
+    """Future 0 is as expected, future 1 is what comes."""
+    return make_params(diamond, jax.tree.map(lambda *leaves: jnp.stack(leaves), *jams()))
+
+
+def test_the_departure_decides(both, make_instance) -> None:
+    params = both
+    todo = make_instance([0, 2, 2], 3, [300.0, 40.0, 40.0], 1)
     plan = Clairvoyant().plan(params, todo)
     # From 300 s on the way above is free. And who is at node 2 by 40 s is through by 290 s, before the jam there.
     assert np.asarray(plan.own).tolist() == [
         [[True, False], [True, False], [False, False], [False, False]],
-        [[False, False], [False, False], [True, False], [False, False]],
+        *[[[False, False], [False, False], [True, False], [False, False]]] * 2,
     ]
     walked = walk_plan(Clairvoyant(), params, plan, todo, jax.random.key(0))
-    assert walked.seconds.tolist() == pytest.approx([300, 250])
+    assert walked.seconds.tolist() == pytest.approx([300, 250, 250])
 
 
-def test_each_walk_has_its_own_crowd(diamond, make_params, make_instance) -> None:
-    expected, real = jams()
-    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), expected, real)
-    params = make_params(diamond, both)
+def test_each_walk_has_its_own_crowd(both, make_instance) -> None:
+    params = both
     todo = make_instance([0, 0, 0], 3, 0.0, [0, 1, 0])
     plan = Clairvoyant().plan(params, todo)
     assert np.asarray(plan.own)[:, 0].tolist() == [[False, True], [True, False], [False, True]]

@@ -77,10 +77,8 @@ def test_the_bound_can_be_missed_and_reached() -> None:
     # Or the property above would hold of a bound that is merely low, or of planners that are all alike.
     congested = scenario("paper-congested", side=SIDE, horizon=HORIZON, slot_seconds=SLOT_SECONDS)
     params = make_environment(congested, draw_map(congested, 0), "test", FUTURES)
-    futures = params.futures.count
-    todo = Instance(
-        jnp.zeros(futures, jnp.int32), jnp.full(futures, SIDE**2 - 1), jnp.zeros(futures), jnp.arange(futures)
-    )
+    future = jnp.asarray(np.arange(WALKS) % params.futures.count, jnp.int32)  # as many walks as above
+    todo = Instance(jnp.zeros(WALKS, jnp.int32), jnp.full(WALKS, SIDE**2 - 1, jnp.int32), jnp.zeros(WALKS), future)
     mean = {
         planner.name: float(
             walk_plan(planner, params, planner.plan(params, todo), todo, jax.random.key(0)).seconds.mean()

@@ -58,10 +58,10 @@ def test_threads_share_a_router(router, ends) -> None:
 
 def test_one_route_without_a_router(router, tiny, ends) -> None:
     origin, destination = ends[0]
-    request = RouteRequest(origin, destination, planner="shortest-path", futures=2)
+    request = RouteRequest(origin, destination, planner="shortest-path", futures=7)
     assert plan_route(tiny, request) == router.answer(request)
     text = ["{:.9f},{:.9f}".format(*end) for end in ends[0]]
-    assert router.plan(*text, planner="shortest-path", futures=2).nodes == router.answer(request).nodes
+    assert router.plan(*text, planner="shortest-path", futures=7).nodes == router.answer(request).nodes
 
 
 def test_scenarios_come_by_name_too() -> None:
@@ -73,7 +73,7 @@ def test_scenarios_come_by_name_too() -> None:
 
 def test_planners_come_by_name_or_as_objects(router, ends) -> None:
     wanders = RandomWalk()
-    assert router.plan(*ends[0], planner=wanders, futures=2).planner == "random-walk"
+    assert router.plan(*ends[0], planner=wanders, futures=7).planner == "random-walk"
     for name in ("astar", "darp"):
         with pytest.raises(SidestepError) as caught:
             router.plan(*ends[0], planner=name)
@@ -110,7 +110,7 @@ def test_models_of_nodes_walk_between_them(monkeypatch, tiny, ends, known: dict,
     learned(monkeypatch, **known)
     router = Router(tiny, model="m")
     with pytest.raises(SidestepError) as caught:
-        router.plan(*ends[pair], futures=2)
+        router.plan(*ends[pair], futures=7)
     assert caught.value.field == field
 
 

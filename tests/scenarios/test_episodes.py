@@ -35,6 +35,7 @@ SAMPLER = InstanceSampler(
     counts=jnp.array([2, 2]),
 )
 sample = partial(jax.jit(InstanceSampler.sample), SAMPLER)
+sample_all = jax.jit(jax.vmap(InstanceSampler.sample, in_axes=(None, 0)))
 
 
 def test_by_hand() -> None:
@@ -72,7 +73,7 @@ def test_everything_drawn_is_possible(uniform: list[float]) -> None:
 
 def draw_many(count: int) -> Instance:
     uniform = jnp.asarray(np.random.default_rng(2).random((count, DRAWS)), jnp.float32)
-    return jax.vmap(SAMPLER.sample)(uniform)
+    return sample_all(SAMPLER, uniform)
 
 
 def test_draws_are_uniform() -> None:
@@ -130,7 +131,7 @@ def test_walks_go_from_corner_to_corner_each_through_its_own_future(scenario_map
 def test_samplers(scenario_map, params_of_test) -> None:
     here, anywhere = (sampler(small(), scenario_map, params_of_test, 3, anywhere=where) for where in (False, True))
     draws = jnp.asarray(np.random.default_rng(0).random((200, 4)), jnp.float32)
-    from_here, from_anywhere = (jax.vmap(one.sample)(draws) for one in (here, anywhere))
+    from_here, from_anywhere = (sample_all(one, draws) for one in (here, anywhere))
     assert set(from_here.origin.tolist()) == {0}
     assert set(from_anywhere.origin.tolist()) == set(range(8))
     for drawn in (from_here, from_anywhere):
@@ -151,7 +152,7 @@ def test_walks_depart_within_the_hour() -> None:
     todo = instances(rush, scenario_map, params, 4)
     np.testing.assert_allclose(todo.departure, [0, 2224.92, 849.84, 3074.77], atol=0.01)
     np.testing.assert_allclose(instances(rush, scenario_map, params, 2, first=2).departure, todo.departure[2:])
-    drawn = jax.vmap(sampler(rush, scenario_map, params, 2).sample)(jnp.linspace(0, 0.999, 50)[:, None] * jnp.ones(4))
+    drawn = sample_all(sampler(rush, scenario_map, params, 2), jnp.linspace(0, 0.999, 50)[:, None] * jnp.ones(4))
     assert (float(drawn.departure[0]), float(drawn.departure[-1])) == (0, pytest.approx(3596.4))
 
 
@@ -164,9 +165,7 @@ def test_walks_take_the_parts_in_turn() -> None:
     assert todo.destination.tolist() == [17, 8, 17, 8, 17]
     assert todo.future.tolist() == [1, 2, 0, 1, 2]
     draws = jnp.asarray(np.random.default_rng(0).random((300, 4)), jnp.float32)
-    here, anywhere = (
-        jax.vmap(sampler(unseen, learned, params, 3, anywhere=where).sample)(draws) for where in (False, True)
-    )
+    here, anywhere = (sample_all(sampler(unseen, learned, params, 3, anywhere=where), draws) for where in (False, True))
     assert set(zip(here.origin.tolist(), here.destination.tolist(), strict=True)) == {(0, 8), (9, 17)}
     assert set(anywhere.origin.tolist()) == set(range(18)) - {8, 17}
     # nobody is sent to the other part
@@ -208,7 +207,7 @@ def test_samplers_for_several_destinations(scenario_map) -> None:
     draws = jnp.asarray(np.random.default_rng(0).random((500, 4)), jnp.float32)
     samplers = [sampler(small(), scenario_map, params, 4, destinations=ends, anywhere=where) for where in (False, True)]
     assert jax.tree.map(jnp.shape, samplers[0]) == jax.tree.map(jnp.shape, samplers[1])
-    here, anywhere = (jax.vmap(one.sample)(draws) for one in samplers)
+    here, anywhere = (sample_all(one, draws) for one in samplers)
     for drawn in (here, anywhere):
         assert set(drawn.destination.tolist()) == set(ends.ravel().tolist())
         assert (drawn.origin != drawn.destination).all()
@@ -226,7 +225,7 @@ def test_more_destinations_than_futures_are_refused() -> None:
     destinations = destinations_of(scenario_map, 3)
     with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 1"):
         sampler(small(), scenario_map, params, 5, destinations=destinations)
-    enough = make_environment(small(), scenario_map, "test", 5, destinations=destinations)
+    enough = make_environment(small(), scenario_map, "test", 9, destinations=destinations)
     with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 2"):
         sampler(small(), scenario_map, enough, 2, destinations=destinations)
     with pytest.raises(ScenarioError, match="3 destinations need as many futures, but there are 1"):
