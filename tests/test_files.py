@@ -3,7 +3,9 @@
 import os
 from pathlib import Path
 
-from sidestep.files import cached_by_files
+import pytest
+
+from sidestep.files import OutputError, cached_by_files, write_text
 
 
 def test_results_are_kept_while_files_stay_as_they_are(tmp_path: Path) -> None:
@@ -34,3 +36,20 @@ def test_what_is_no_file_never_changes() -> None:
     made = []
     keep = cached_by_files(lambda name: (name,))(lambda name: made.append(name) or len(made))
     assert [keep(name) for name in ("helsinki", "a\0b", "helsinki", "a\0b")] == [1, 2, 1, 2]
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "a.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to("real/a.txt")
+    write_text(tmp_path / "link.txt", "new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "real" / "a.txt").read_text() == "new"
+    assert [file.name for file in (tmp_path / "real").iterdir()] == ["a.txt"]
+
+
+def test_pipes_and_devices_are_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OutputError, match="pipe"):
+        write_text(tmp_path / "pipe", "text")
+    assert (tmp_path / "pipe").is_fifo()

@@ -37,11 +37,14 @@ def output_folder(path: Path) -> Path:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside ``path``; it gets its real name only if nothing goes wrong."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    """Give a temporary name beside ``path``; it gets its real name only if nothing goes wrong. Links stay links."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and not (target.is_file() or target.is_dir()):
+        raise OutputError(f"cannot write {path}: it is a device or a pipe, not a file")
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         yield temporary
-        temporary.replace(path)
+        temporary.replace(target)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {reason(error)}") from error
     finally:

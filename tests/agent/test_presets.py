@@ -1,5 +1,8 @@
 """The presets: the paper's literal numbers, and that the default solves a map."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -84,6 +87,20 @@ def test_the_default_of_a_level_sees_that_level(level: str) -> None:
 def test_presets_by_name() -> None:
     assert {name: preset(name) for name in PRESETS} == PRESETS
     assert list(PRESETS) == ["paper", "default", "dqn", "tabular-q"]
+
+
+def test_what_does_not_exist_is_refused() -> None:
+    # In a process of its own, where types are not checked.
+    code = """
+import sidestep
+for name, level in (("defualt", "map"), ("default", "nowhere")):
+    try:
+        sidestep.preset(name, level)
+    except sidestep.SidestepError as error:
+        print(type(error).__name__, error.field)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "TrainConfigError preset\nTrainConfigError level\n"
 
 
 @pytest.mark.parametrize("level", ["local", "map", "live"])

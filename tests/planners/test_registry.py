@@ -246,6 +246,14 @@ def test_broken_entry_points_name_the_place(third_party) -> None:
         planner_infos()
 
 
+def test_a_module_that_does_not_load_is_an_error_of_the_planner(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "third_party_i.py").write_text("def half(:\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(PlannerError, match="third_party_i:Planner") as caught:
+        find_planner("third_party_i:Planner")
+    assert caught.value.field == "planner"
+
+
 # --- One's own ------------------------------------------------------------------------------------------------------
 
 

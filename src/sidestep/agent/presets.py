@@ -9,12 +9,13 @@ Examples
 0.95
 """
 
-from typing import Literal
+from typing import Literal, get_args
 
 from sidestep.agent.config import TrainConfig, TrainConfigError
-from sidestep.environment.types import Information
+from sidestep.environment.types import LEVELS, Information
 from sidestep.scenarios.maps import town_of
 from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.spec import hint
 
 Preset = Literal["default", "paper", "dqn", "tabular-q"]
 
@@ -96,7 +97,7 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
     Raises
     ------
     TrainConfigError
-        The preset does not exist at this level.
+        The preset or the level does not exist, or not together.
 
     Examples
     --------
@@ -106,6 +107,9 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
     >>> preset("default", "map").n_step
     6
     """
+    for field, value, known in (("preset", name, get_args(Preset)), ("level", level, LEVELS)):
+        if value not in known:
+            raise TrainConfigError(f"unknown {field} {value!r:.60}{hint(str(value), list(known))}", field=field)
     if several_maps and level == "position":
         raise TrainConfigError(
             "coordinates mean nothing on maps that were never walked; train at another level", field="level"

@@ -17,7 +17,7 @@ def compare(
     scenario: options.ScenarioOption,
     /,
     *,
-    planners: str | None = None,
+    planners: Annotated[str | None, Parameter(alias="--planner")] = None,
     maps: options.Whole | None = None,
     walks: options.Whole | None = None,
     level: options.LevelOption = None,

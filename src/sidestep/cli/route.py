@@ -43,8 +43,8 @@ def route(
     depart
         Minutes after the scenario's start; in towns local time, such as 2025-05-24T12:30.
     planner
-        Who plans; by default expected, the fastest route if crowds are as usual, or darp with --model. snapshot and
-        forecast see all counts on the way.
+        Who plans, by name (see sidestep planners) or as MODULE:NAME; by default expected, the fastest route if crowds
+        are as usual, or darp with --model. snapshot and forecast see all counts on the way.
     model
         Folder of a trained model, for the planner darp; without one routes are searched.
     futures

@@ -108,7 +108,7 @@ def summarise_counts(file: Path | None, sensor: str | None, order: Order, seed: 
     found = one_step_errors(table, sensor, train, test, order)
     model = found.arima_model
     training = table.between(*train).series(sensor)
-    innovations = jax.random.normal(jax.random.key(seed), (HOURS_OF_WEEK,))
+    innovations = jax.random.normal(jax.random.key(seed % 2**32), (HOURS_OF_WEEK,))
     last = jnp.asarray(training[~np.isnan(training)][-HOURS_OF_WEEK:])
     week = np.asarray(arima.simulate(model, last, innovations))
     return CountSummary(

@@ -159,7 +159,7 @@ def _info(name: str) -> PlannerInfo:
     module, _, attribute = place.partition(":")
     try:
         source = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
+    except Exception as error:  # somebody else's module may raise anything
         raise PlannerError(f"no planner at {place}: {error}", field="planner") from error
     found = _add(source)
     if name in installed and name != found.name:
