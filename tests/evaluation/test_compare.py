@@ -128,29 +128,29 @@ def test_walks_meet_the_futures_for_testing(found) -> None:
 
 
 def test_many_walks_are_done_in_parts(monkeypatch) -> None:
-    # Five walks, no more than two at a time: three parts of two, of which the sixth walk does not count.
-    monkeypatch.setattr(comparing, "CHUNK", 2)
+    # Seven walks, no more than three at a time: three parts of three, of which the last two walks do not count.
+    monkeypatch.setattr(comparing, "CHUNK", 3)
     planners = chosen("random-walk")
-    result = compare(TINY, planners, maps=(1,), walks=5)
-    assert result.to_json()["walks"] == 5
+    result = compare(TINY, planners, maps=(1,), walks=7)
+    assert result.to_json()["walks"] == 7
     scenario_map = draw_map(TINY, 0, 1)
     for name, factory in planners.items():
         planner, minutes, arrived = factory(scenario_map, 1), [], []
         for part in range(3):
-            params = make_environment(TINY, scenario_map, "test", 2, part=part)
-            todo = instances(TINY, scenario_map, params, 2, first=2 * part)
-            assert todo.future.tolist() == [0, 1]  # every walk has a future of its own
+            params = make_environment(TINY, scenario_map, "test", 3, part=part)
+            todo = instances(TINY, scenario_map, params, 3, first=3 * part)
+            assert todo.future.tolist() == [0, 1, 2]  # every walk has a future of its own
             key = purpose_key(scenario_map, "test")
             key = jax.random.fold_in(key, part) if part else key
             walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
             minutes += (np.asarray(walked.seconds, np.float64) / 60).tolist()
             arrived += walked.arrived.tolist()
         record = result.records[name]
-        assert record.minutes.shape == record.arrived.shape == (1, 5)
-        assert record.minutes[0] == pytest.approx(minutes[:5], rel=1e-5)
-        assert record.arrived[0].tolist() == arrived[:5]
+        assert record.minutes.shape == record.arrived.shape == (1, 7)
+        assert record.minutes[0] == pytest.approx(minutes[:7], rel=1e-5)
+        assert record.arrived[0].tolist() == arrived[:7]
     # no future is met twice
-    assert len(set(result.records["clairvoyant"].minutes[0].tolist())) == 5
+    assert len(set(result.records["clairvoyant"].minutes[0].tolist())) == 7
 
 
 def test_parts_that_fit_exactly(monkeypatch) -> None:
@@ -160,13 +160,13 @@ def test_parts_that_fit_exactly(monkeypatch) -> None:
         sizes.append((args[3], kwargs["part"]))
         return make_environment(*args, **kwargs)
 
-    monkeypatch.setattr(comparing, "CHUNK", 2)
+    monkeypatch.setattr(comparing, "CHUNK", 3)
     monkeypatch.setattr(comparing, "make_environment", counted)
-    assert compare(TINY, chosen(), maps=(0,), walks=4).records["expected"].minutes.shape == (1, 4)
-    assert sizes == [(2, 0), (2, 1)]
+    assert compare(TINY, chosen(), maps=(0,), walks=6).records["expected"].minutes.shape == (1, 6)
+    assert sizes == [(3, 0), (3, 1)]
     sizes.clear()
-    compare(TINY, chosen(), maps=(0,), walks=2)
-    assert sizes == [(2, 0)]
+    compare(TINY, chosen(), maps=(0,), walks=3)
+    assert sizes == [(3, 0)]
 
 
 @pytest.mark.parametrize(("names", "level"), [(REACTIVE, "live"), (["greedy-local"], "local"), ([], "position")])
