@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import EnvParams
-from sidestep.walking.crossing_time import crossing_time, crossing_times, exposure
+from sidestep.walking.crossing_time import crossing_time, crossing_times, exposure, slot_at
 from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
 from sidestep.walking.speed_field import SpeedField, Speeds
 from sidestep.walking.waits import Segments, Wait
@@ -23,11 +23,6 @@ def as_expected(params: EnvParams) -> EnvParams:
     """The same where crowds come as expected, and lights take their mean wait."""
     futures = params.futures.first(params.expected.count)
     return with_mean_waits(replace(params, futures=replace(futures, speeds=params.expected, cost_to_go=None)))
-
-
-def slot_at(speeds: Speeds, clock: Numbers) -> Int[Array, "*n"]:
-    """The slots that clocks in s lie in; the last slot lasts for ever."""
-    return jnp.clip(jnp.floor(clock / speeds.slot_seconds).astype(jnp.int32), 0, speeds.slots - 1)
 
 
 def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
@@ -132,7 +127,7 @@ def _crossing(objective: Objective, speeds: SpeedField, clock: Numbers, seconds:
         return exposure(speeds.known_density, speeds.slot_seconds, clock, clock + seconds)
 
     def density() -> Numbers:
-        slot = slot_at(speeds, clock)
+        slot = slot_at(clock, speeds.slot_seconds, speeds.slots)
         return jnp.take_along_axis(speeds.known_density, slot[..., None], axis=-1)[..., 0]
 
     return objective.crossing(seconds, length, met, density)

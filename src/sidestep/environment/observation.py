@@ -7,8 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.cost_to_go import at_clock, known_cost_to_go, known_live_cost_to_go
-from sidestep.environment.crossing import slot_at, static_crossing, static_crossing_in, with_mean_waits
+from sidestep.environment.crossing import static_crossing, static_crossing_in, with_mean_waits
 from sidestep.environment.types import RECENT_NODES, EnvParams, EnvState, Expected, Live, Local, Observation
+from sidestep.walking.crossing_time import slot_at
 from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import Speeds
 from sidestep.walking.speed_laws import FREE_SPEED
@@ -102,7 +103,7 @@ def _expected(params: EnvParams, state: EnvState, local: Local) -> tuple[Expecte
         return expected, local.cost + expected.to_go + _turning_back(params, local)
     # What is seen here is seen on the streets beyond as well. Taken for this street's alone, it would send walkers
     # round the next corner, from where the way back is the fastest: then they would go to and fro.
-    segment, slot = params.network.exit_segment[state.node], slot_at(speeds, state.clock)
+    segment, slot = params.network.exit_segment[state.node], slot_at(state.clock, speeds.slot_seconds, speeds.slots)
     density, usual = speeds.density_at(future, segment, slot), params.expected.density_at(which, segment, slot)
     expected = Expected(
         now.cost,
@@ -125,7 +126,7 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
         The estimate of the level is its ``forecast``: the least cost over each street if crowds go on as forecast.
     """
     known, speeds, future = known_live_cost_to_go(params), params.futures.speeds, state.instance.future
-    segment, slot = params.network.exit_segment[state.node], slot_at(speeds, state.clock)
+    segment, slot = params.network.exit_segment[state.node], slot_at(state.clock, speeds.slot_seconds, speeds.slots)
     part = jnp.clip(state.clock / speeds.slot_seconds - slot, 0.0, 1.0)
     begin, end = known.forecast[future, slot, 0, segment], known.forecast[future, slot, 1, segment]
     forecast = (1 - part) * begin + part * end
@@ -139,7 +140,8 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
 
 def _crossing_now(params: EnvParams, state: EnvState, speeds: Speeds, future: Int[Array, ""]) -> Crossing:
     """What the streets from here take and cost if crowds stay as they are in a future, with the lights as seen."""
-    segment, slot = params.network.exit_segment[state.node], slot_at(params.futures.speeds, state.clock)
+    segment, met = params.network.exit_segment[state.node], params.futures.speeds
+    slot = slot_at(state.clock, met.slot_seconds, met.slots)
     wait = params.wait_in(state.instance.future)(segment, jnp.full(segment.shape, state.clock))
     return static_crossing_in(params, speeds, future, slot, segment, wait)
 

@@ -18,6 +18,11 @@ BySegment = Float[Array, " segment"]
 SlotBySlot = Float[Array, "slot segment"]
 
 
+def slot_at(clock: Numbers, slot_seconds: float, slots: int) -> Int[Array, "*n"]:
+    """The slots that clocks in s lie in; the last slot lasts for ever."""
+    return jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, slots - 1)
+
+
 def crossing_time(segment: SpeedField, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated") -> Scalar:
     """Time to cross a segment.
 
@@ -38,8 +43,7 @@ def crossing_time(segment: SpeedField, length: Scalar, clock: Scalar, rule: Cros
         From entering to leaving.
     """
     speed, covered, slot_seconds = segment.speed, segment.covered, segment.slot_seconds
-    last = segment.slots - 1
-    now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    now, last = slot_at(clock, slot_seconds, segment.slots), segment.slots - 1
     if rule == "entry":
         return length / speed[now]
     end = covered[now] + speed[now] * (clock - now * slot_seconds) + length
@@ -82,8 +86,7 @@ def crossing_times(
     seconds
         From entering to leaving each.
     """
-    last = len(speed) - 1
-    now = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    now, last = slot_at(clock, slot_seconds, len(speed)), len(speed) - 1
     first = jnp.min(now)
 
     def further(start: _Slots, goes: Callable[[Index], Bool[Array, " segment"]]) -> _Slots:
@@ -129,7 +132,7 @@ def leaving_clock(
         In s since the scenario's start.
     """
     last, slot_seconds = speeds.slots - 1, speeds.slot_seconds
-    slot = jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, last)
+    slot = slot_at(clock, slot_seconds, speeds.slots)
     if rule == "entry":
         return clock + length / speeds.at(future, segment, slot)
 
