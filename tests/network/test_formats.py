@@ -16,12 +16,11 @@ from sidestep.network.town import Town, TownError
 
 
 def differences(one: Town, other: Town) -> list[str]:
-    return [
-        field.name
-        for field in fields(Town)
-        if not np.array_equal(getattr(one, field.name), getattr(other, field.name))
-        or type(getattr(one, field.name)) is not type(getattr(other, field.name))
-    ]
+    def same(name: str) -> bool:
+        values = getattr(one, name), getattr(other, name)
+        return type(values[0]) is type(values[1]) and np.array_equal(*values, equal_nan=name == "incline")
+
+    return [field.name for field in fields(Town) if not same(field.name)]
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".graphml"])

@@ -139,7 +139,7 @@ def test_a_street_drawn_twice_is_one(build, listed, tee) -> None:
 
 def test_a_shorter_one_way_street_does_not_replace_the_way_back(build, listed) -> None:
     nodes = {1: (0, 0), 2: (100, 0), 3: (50, 10), 4: (-50, 0), 5: (150, 0)}
-    up = {"highway": "steps", "conveying": "forward"}
+    up = {"highway": "footway", "oneway:foot": "yes"}
     ways = {1: ((1, 2), up), 2: ((1, 3, 2), FOOT), 3: ((4, 1), FOOT), 4: ((2, 5), FOOT)}
     town, _ = build(nodes, ways, merge=8)
     assert listed(town) == [(1, 2, 100), (1, 2, 102), (1, 4, 50), (2, 5, 50)]

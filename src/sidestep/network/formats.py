@@ -1,6 +1,7 @@
 """Towns in files: .npz, GraphML and GeoJSON."""
 
 import json
+import math
 import warnings
 from functools import lru_cache
 from importlib import resources
@@ -11,12 +12,10 @@ import numpy as np
 
 from sidestep.files import check_unpacked, reading, whole_file
 from sidestep.network.graphml import read_graphml, write_graphml
-from sidestep.network.town import ARRAYS, Town, TownError
+from sidestep.network.town import ARRAYS, USUAL, WORDS, Town, TownError
 
-FORMAT = 1
-"""Version of our .npz files; counts up when what they hold changes."""
-
-_WORDS = ("name", "kind")  # stored as numbers into a vocabulary
+FORMAT = 2
+"""Version of our .npz files; counts up when what they hold changes. Version 1 lacks what ``USUAL`` has."""
 
 
 def check_suffix(path: Path) -> str:
@@ -133,7 +132,7 @@ def load_helsinki() -> Town:
 
 def _write_npz(town: Town, file: BinaryIO) -> None:
     columns = {"format": np.array(FORMAT), **{name: getattr(town, name) for name in ARRAYS}}
-    for name in _WORDS:
+    for name in WORDS:  # stored as numbers into a vocabulary
         words, code = np.unique(np.array(getattr(town, name), np.str_), return_inverse=True)
         columns |= {f"{name}s": words, name: code.astype(np.int32)}
     np.savez_compressed(file, allow_pickle=False, **columns, attribution=np.array(town.attribution))
@@ -144,16 +143,20 @@ def _read_npz(file: BinaryIO) -> Town:
     with np.load(file, allow_pickle=False) as columns:
         if "format" not in columns:
             raise TownError("it is not a Sidestep town", field="format")
-        if columns["format"].shape or columns["format"] != FORMAT:
+        if columns["format"].shape or columns["format"] not in (1, FORMAT):
             raise TownError(
-                f"it has town format {columns['format']!s:.20}, and this version reads {FORMAT}", field="format"
+                f"it has town format {columns['format']!s:.20}, and this version reads 1 to {FORMAT}", field="format"
             )
-        found: dict[str, Any] = {name: columns[name] for name in ARRAYS}
+        older = USUAL if columns["format"] == 1 else {}
+        streets = len(columns["tail"])
+        found: dict[str, Any] = {name: (value,) * streets for name, value in older.items()}
         for name, (kind, row) in ARRAYS.items():
-            array = found[name]
+            array = np.array(found[name], kind) if name in found else columns[name]
+            found[name] = array
             if array.dtype != kind or array.ndim != 1 + len(row) or array.shape[1:] != row:
                 raise TownError(f"{name} is {array.dtype} of shape {array.shape}", field=name)
-        found |= {name: _decoded(columns[f"{name}s"], columns[name], name) for name in _WORDS}
+        texts = [name for name in WORDS if name not in older]
+        found |= {name: _decoded(columns[f"{name}s"], columns[name], name) for name in texts}
         return Town(**found, attribution=str(columns["attribution"]))
 
 
@@ -184,6 +187,10 @@ def _features(town: Town) -> dict[str, object]:
         "name": town.name,
         "signals": town.signals.tolist(),
         "crossings": town.crossings.tolist(),
+        "opening": town.opening,
+        "restricted": town.restricted.tolist(),
+        "incline": [None if math.isnan(rise) else round(rise, 4) for rise in town.incline.tolist()],
+        "kerb": [round(metres, 3) for metres in town.kerb.tolist()],
     }
     features = [
         {

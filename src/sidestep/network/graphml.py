@@ -11,9 +11,10 @@ from jaxtyping import Float, Float64
 
 from sidestep.network.geodesy import course_lengths
 from sidestep.network.tags import FULL_WIDTH, UNKNOWN_WIDTH, WIDTHS, parse_width
-from sidestep.network.town import ATTRIBUTION, MOST_CROSSINGS, SAME_DEGREES, Town, TownError
+from sidestep.network.town import ATTRIBUTION, MOST_CROSSINGS, SAME_DEGREES, USUAL, Town, TownError
 
 _PAIRED = 1.0  # m that a street's length may differ from there to back, where osmnx has rounded or joined
+_STEEPEST = 10.0  # metres up for each metre
 _LONGEST = 1e9  # m; no street is as long, and single precision holds it
 
 
@@ -61,6 +62,10 @@ def write_graphml(town: Town, file: BinaryIO) -> None:
             "width": float(town.width[street]),
             "signals": int(town.signals[street]),
             "crossings": int(town.crossings[street]),
+            "opening": town.opening[street],
+            "restricted": bool(town.restricted[street]),
+            "incline": "" if math.isnan(town.incline[street]) else float(town.incline[street]),
+            "kerb": float(town.kerb[street]),
             "street": street,
         }
         if len(course) > 2:
@@ -112,7 +117,7 @@ def read_graphml(file: BinaryIO) -> Town:
     streets = _paired(edges)
     columns: dict[str, Any] = {
         name: tuple(getattr(edge, name) for edge in streets)
-        for name in ("one_way", "length", "width", "kind", "name", "signals", "crossings")
+        for name in ("one_way", "length", "width", "kind", "name", "signals", "crossings", *USUAL)
     }
     return Town.of_streets(
         np.array([edge.ends for edge in streets]),
@@ -143,6 +148,11 @@ class _Edge:
         self.street = int(_number(values.get("street", -1), "street", where, 2**53))
         self.signals = int(_number(values.get("signals", 0), "signals", where, MOST_CROSSINGS))
         self.crossings = int(_number(values.get("crossings", 0), "crossings", where, MOST_CROSSINGS))
+        self.opening = " ".join(_words(values.get("opening")))
+        self.restricted = _words(values.get("restricted")) == ["True"]
+        rise = values.get("incline", math.nan)
+        self.incline = math.nan if str(rise) == "nan" else _number(rise, "incline", where, _STEEPEST)
+        self.kerb = _number(values.get("kerb", 0), "kerb", where)
         (measured,) = course_lengths(self.course, np.array([0, len(self.course)])).tolist()
         self.length = _number(values.get("length", measured), "length", where)
         self.width = _width(values, self.kind, where)

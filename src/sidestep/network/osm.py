@@ -298,6 +298,10 @@ def _split(ways: Ways, nodes: Nodes) -> Streets:
         kind=np.array(ways.kinds, np.int64)[way[begin]],
         name=np.array(ways.names, np.int64)[way[begin]],
         traffic=np.stack([np.searchsorted(at, end) - np.searchsorted(at, begin, "right") for at in crossed], axis=1),
+        opening=np.zeros(len(begin), np.int64),
+        restricted=np.zeros(len(begin), bool),
+        incline=np.full(len(begin), np.nan),
+        kerb=np.zeros(len(begin)),
         points=points,
         first=first,
     )
@@ -309,6 +313,7 @@ def _town(ways: Ways, nodes: Nodes, streets: Streets) -> Town:
         **vars(streets),
         "kind": tuple(kinds[code] for code in streets.kind.tolist()),
         "name": tuple(names[code] for code in streets.name.tolist()),
+        "opening": tuple("" for _ in streets.opening),
     }
     columns["crossings"], columns["signals"] = np.minimum(columns.pop("traffic"), MOST_CROSSINGS).T
     return Town.of_streets(**columns, place=nodes.place, ids=nodes.ids, attribution=ATTRIBUTION)

@@ -81,7 +81,9 @@ def merge_crossings(streets: Streets, nodes: Nodes, metres: float) -> Streets:
         The streets that are left.
     """
     least = max(metres, SAME_PLACE)
-    short = np.flatnonzero(streets.length < least)
+    ordinary = streets.category == 0
+    streets = replace(streets, length=np.maximum(streets.length, ~ordinary * SAME_PLACE))
+    short = np.flatnonzero(ordinary & (streets.length < least))
     if not len(short):
         return streets
     known = nodes.place[~np.isnan(nodes.place[:, 0])]
@@ -92,7 +94,7 @@ def merge_crossings(streets: Streets, nodes: Nodes, metres: float) -> Streets:
     order = np.lexsort((nodes.ids, np.hypot(*(xy - mean[cluster]).T), cluster))
     nearest = order[np.diff(cluster[order], prepend=-1) > 0]
     ends = nearest[cluster][streets.ends]
-    gone = (streets.length < least) & (ends[:, 0] == ends[:, 1])
+    gone = ordinary & (streets.length < least) & (ends[:, 0] == ends[:, 1])
     streets = _pass_on_traffic(streets, gone, ends)
     return _extend(streets.keep(~gone), ends[~gone], nodes.place)
 
@@ -128,9 +130,9 @@ def simplify(streets: Streets, metres: float) -> tuple[Streets, Counter[str]]:
 def merge_degree_two(streets: Streets) -> Streets:
     """Join the streets at nodes where just two meet.
 
-    A node stays where a one-way street meets another of another direction, or one that is walked both ways. Joined
-    streets have the mean width by length, and the kind and name of the longer part. A town that is one ring stays as it
-    is.
+    A node stays where a one-way street meets another of another direction, or one that is walked both ways, and where
+    streets of different categories meet. Joined streets have the mean width and incline by length, the kind and name of
+    the longer part, and the highest kerb. A town that is one ring stays as it is.
 
     Parameters
     ----------
@@ -157,6 +159,7 @@ def merge_degree_two(streets: Streets) -> Streets:
     length = streets.length[street]
     total = np.add.reduceat(length, starts)
     ends = streets.ends.ravel()  # numbered as by _chains
+    rise = length * streets.incline[street] * step
     return Streets(
         ends=np.stack([ends[end[starts]], ends[end[border[1:] - 1] ^ 1]], axis=1),
         one_way=streets.one_way[street[starts]],
@@ -165,6 +168,10 @@ def merge_degree_two(streets: Streets) -> Streets:
         kind=_longest_part(streets.kind[street], chain, length),
         name=_longest_part(streets.name[street], chain, length),
         traffic=np.add.reduceat(streets.traffic[street], starts),
+        opening=streets.opening[street[starts]],
+        restricted=streets.restricted[street[starts]],
+        incline=np.add.reduceat(rise, starts) / total,
+        kerb=np.maximum.reduceat(streets.kerb[street], starts),
         points=streets.points[order],
         first=first[border],
     )
@@ -229,16 +236,16 @@ def _extend(streets: Streets, ends: Int[np.ndarray, "street 2"], place: Float[np
 
 def _parallel(streets: Streets, metres: float) -> Bool[np.ndarray, " street"]:
     """Find streets hardly longer than others between the same crossings, in all directions that they are walked."""
-    low, high = np.sort(streets.ends, axis=1).T
-    _, pair, size = np.unique(low * (high.max(initial=0) + 1) + high, return_inverse=True, return_counts=True)
+    alike = np.column_stack([np.sort(streets.ends, axis=1), streets.category])
+    _, pair, size = np.unique(alike, axis=0, return_inverse=True, return_counts=True)
     order = np.lexsort((streets.one_way, streets.length))
     least = max(metres, _MIN_EXCESS)
     dropped = np.zeros(len(streets), bool)
-    shortest: dict[tuple[int, int], float] = {}
+    shortest: dict[tuple[int, int, int], float] = {}
     for street in order[size[pair[order]] > 1].tolist():
         tail, head = streets.ends[street].tolist()
-        length = float(streets.length[street])
-        directions = [(tail, head)] if streets.one_way[street] else [(tail, head), (head, tail)]
+        length, group = float(streets.length[street]), int(pair[street])
+        directions = [(group, tail, head)] if streets.one_way[street] else [(group, tail, head), (group, head, tail)]
         dropped[street] = all(length - shortest.get(direction, -np.inf) < least for direction in directions)
         for direction in directions:
             shortest.setdefault(direction, length)
@@ -259,8 +266,9 @@ def _chains(streets: Streets) -> tuple[Int64[np.ndarray, " piece"], Int64[np.nda
     _, begins, degree = np.unique(node[order], return_index=True, return_counts=True)
     pairs = begins[degree == 2]
     one, two = order[pairs], order[pairs + 1]
-    single = streets.one_way[one >> 1]
+    single, category = streets.one_way[one >> 1], streets.category
     fits = (one >> 1 != two >> 1) & (single == streets.one_way[two >> 1]) & (~single | ((one ^ two) & 1 == 1))
+    fits &= category[one >> 1] == category[two >> 1]
     joined = np.full(len(node), -1, np.int64)  # the end that each end is joined to, -1 where there is none
     joined[one[fits]], joined[two[fits]] = two[fits], one[fits]
     free = joined.reshape(-1, 2) < 0

@@ -7,6 +7,8 @@ from jaxtyping import Bool, Float64, Int, Int8, Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from sidestep.network.tags import SPECIAL, WIDTHS
+
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
@@ -24,8 +26,9 @@ class Nodes:
 class Streets:
     """Streets between numbered nodes, with their courses; see `sidestep.network.town.Town` for the columns.
 
-    ``ends`` are tail and head; ``traffic`` are crossings of vehicle traffic without signals, and with them. Kinds and
-    names are codes. Unlike a town, streets may be loops, and there may be none.
+    ``ends`` are tail and head; ``traffic`` are crossings of vehicle traffic without signals, and with them. Kinds,
+    names and opening times are codes; code 0 of the last is always open. Unlike a town, streets may be loops, and there
+    may be none.
     """
 
     ends: Int64[np.ndarray, "street 2"]
@@ -35,11 +38,26 @@ class Streets:
     kind: Int64[np.ndarray, " street"]
     name: Int64[np.ndarray, " street"]
     traffic: Int64[np.ndarray, "street 2"]
+    opening: Int64[np.ndarray, " street"]
+    restricted: Bool[np.ndarray, " street"]
+    incline: Float64[np.ndarray, " street"]
+    kerb: Float64[np.ndarray, " street"]
     points: Float64[np.ndarray, "point 2"]
     first: Int64[np.ndarray, " border"]
 
     def __len__(self) -> int:
         return len(self.ends)
+
+    @property
+    def category(self) -> Int64[np.ndarray, " street"]:
+        """Number of what each street is to walkers; 0: open to everybody at all times, and level.
+
+        Streets of different categories are never joined or weighed against each other, and none but the ordinary ones
+        of category 0 vanish in merged crossings: behind a gate, up stairs or by a lift not everybody can go.
+        """
+        special = np.array([kind in SPECIAL for kind in WIDTHS])[self.kind]
+        codes = np.stack([special * (self.kind + 1), self.restricted, self.kerb > 0, self.opening], axis=1)
+        return np.unique(np.vstack([np.zeros(4, np.int64), codes]), axis=0, return_inverse=True)[1][1:]
 
     def keep(self, which: Bool[np.ndarray, " street"]) -> "Streets":
         """Select streets.

@@ -28,6 +28,9 @@ NARROWEST, WIDEST = 0.3, 100.0
 FULL_WIDTH = frozenset(_PATHS)
 """Kinds that are walked on their full width; the others are roads, walked on their pavements."""
 
+SPECIAL = frozenset({"elevator", "steps"})
+"""Kinds that not everybody can take, or not at the usual speed."""
+
 _ALLOWED = frozenset({"yes", "designated", "permissive", "official"})
 _FORBIDDEN = frozenset({"no", "private"})
 _NEED_A_TAG = frozenset({"cycleway", "bridleway", "trunk", "trunk_link"})  # walked only where a tag says so

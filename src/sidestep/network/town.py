@@ -23,9 +23,14 @@ MOST_CROSSINGS = np.iinfo(np.int16).max
 ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "place": (np.float64, (2,)), "ids": (np.int64, ()), "tail": (np.int32, ()), "head": (np.int32, ()),
     "one_way": (np.bool_, ()), "length": (np.float32, ()), "width": (np.float32, ()), "signals": (np.int16, ()),
-    "crossings": (np.int16, ()), "points": (np.float64, (2,)), "first": (np.int64, ()),
+    "crossings": (np.int16, ()), "restricted": (np.bool_, ()), "incline": (np.float32, ()), "kerb": (np.float32, ()),
+    "points": (np.float64, (2,)), "first": (np.int64, ()),
 }  # fmt: skip
 """Type of each array of a town, and the shape of one row."""
+WORDS = ("kind", "name", "opening")
+"""Columns of text."""
+USUAL: dict[str, Any] = {"opening": "", "restricted": False, "incline": np.nan, "kerb": 0.0}
+"""Values of streets that are always open to everybody, where nothing is known of inclines and kerbs."""
 
 
 class TownError(SidestepError):
@@ -68,6 +73,14 @@ class Town:
     """Number of signalised crossings of vehicle traffic along each street."""
     crossings: Int16[np.ndarray, " street"]
     """Number of crossings of vehicle traffic without signals along each street."""
+    opening: tuple[str, ...]
+    """When each street is open, in the syntax of OpenStreetMap's ``opening_hours``; "" where it always is."""
+    restricted: Bool[np.ndarray, " street"]
+    """Streets for those only whose walk begins or ends there (``destination``, ``customers``)."""
+    incline: Float32[np.ndarray, " street"]
+    """Mean rise from tail to head for each metre; NaN where it is unknown."""
+    kerb: Float32[np.ndarray, " street"]
+    """Metres of the highest kerb along each street; 0 where none is known."""
     points: Float64[np.ndarray, "point 2"]
     """Longitudes and latitudes of all courses one after another, each from tail to head with both ends."""
     first: Int64[np.ndarray, " border"]
@@ -90,12 +103,14 @@ class Town:
             Indices of the nodes where each street begins and ends.
         columns
             What else a town has, ``place`` and ``ids`` for all nodes. Arrays are converted to the types of a town.
+            What is left out is as in ``USUAL``.
 
         Returns
         -------
         Town
             Streets in the order given, crossings in that of the nodes.
         """
+        columns = {name: (value,) * len(ends) for name, value in USUAL.items()} | columns
         used, renumbered = np.unique(ends, return_inverse=True)
         tail, head = renumbered.reshape(-1, 2).T
         columns |= {"tail": tail, "head": head, "place": columns["place"][used], "ids": columns["ids"][used]}
@@ -185,7 +200,7 @@ class Town:
 def _check(town: Town) -> None:
     if not town.streets:
         raise TownError("a town needs at least one street", field="tail")
-    for field in ("head", "one_way", "length", "width", "kind", "name", "signals", "crossings"):
+    for field in ("head", "one_way", "length", "width", "signals", "crossings", *WORDS, *USUAL):
         if (given := len(getattr(town, field))) != town.streets:
             raise TownError(f"there are {town.streets} streets, but {field} is given for {given}", field=field)
     if len(town.place) != town.nodes:
@@ -195,7 +210,7 @@ def _check(town: Town) -> None:
         fine = (np.abs(degrees) <= (180, 90)).all(axis=1)  # NaN is not
         check_each(TownError, item, field, degrees, fine, "be longitude -180 to 180 and latitude -90 to 90")
     check_edges(TownError, "street", town.nodes, vars(town))
-    for field in ("signals", "crossings"):
+    for field in ("signals", "crossings", "kerb"):
         check_each(TownError, "street", field, getattr(town, field), getattr(town, field) >= 0, "be 0 or more")
     first = town.first
     if len(first) != town.streets + 1 or first[0] != 0 or first[-1] != len(town.points) or np.diff(first).min() < 2:
