@@ -1,5 +1,7 @@
 """Which walks are walked: origins, destinations, departures and futures."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -193,8 +195,8 @@ def sampler(
         Fewer futures than destinations.
     """
     destinations = destinations_of(scenario_map, 1) if destinations is None else destinations
-    for_each = params.futures.destination[:futures] == jnp.arange(len(destinations))[:, None]
-    _check_futures(for_each.shape[1], len(destinations))
+    _check_futures(min(futures, params.futures.count), len(destinations))
+    numbers, counts = _futures_for_each(params.futures.destination, futures, len(destinations))
     part = np.repeat(np.arange(len(scenario_map.parts)), scenario_map.parts)
     first = np.cumsum((0, *scenario_map.parts[:-1]))
     # Both have as many candidates, so that training from either is the same compiled program.
@@ -206,9 +208,18 @@ def sampler(
         origins=jnp.asarray(begins, jnp.int32),
         destinations=jnp.asarray(np.take_along_axis(destinations, part[elsewhere], axis=1), jnp.int32),
         departures=jnp.asarray(np.asarray(scenario.departures), jnp.float32),
-        futures=jnp.argsort(~for_each, axis=1, stable=True).astype(jnp.int32),
-        counts=for_each.sum(axis=1).astype(jnp.int32),
+        futures=numbers,
+        counts=counts,
     )
+
+
+@partial(jax.jit, static_argnums=(1, 2))
+def _futures_for_each(
+    destination: Int[Array, " future"], futures: int, destinations: int
+) -> tuple[Int[Array, "destination first"], Int[Array, " destination"]]:
+    """Numbers of the first futures, those for each destination first in its row, and how many these are."""
+    for_each = destination[:futures] == jnp.arange(destinations)[:, None]
+    return jnp.argsort(~for_each, axis=1, stable=True).astype(jnp.int32), for_each.sum(axis=1).astype(jnp.int32)
 
 
 def instances(
