@@ -13,7 +13,9 @@ from sidestep.agent import checkpoint
 from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS, preset
+from sidestep.agent.q_networks import QNetwork
 from sidestep.agent.train import TrainState, prepare
+from sidestep.environment.types import Observation
 from sidestep.scenarios.builtin import BUILT_IN, scenario
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
@@ -37,7 +39,7 @@ def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: 
     def shaken(leaf: jax.Array) -> jax.Array:
         if jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key) or leaf.dtype == bool:
             return leaf
-        return jnp.asarray(np.asarray(leaf) + rng.integers(1, 9, leaf.shape) / 8, leaf.dtype)
+        return jax.device_put((np.asarray(leaf) + rng.integers(1, 9, leaf.shape) / 8).astype(leaf.dtype))
 
     learner = jax.tree.map(shaken, state.learner)
     state = eqx.tree_at(lambda s: (s.learner, s.best, s.iteration), state, (learner, learner.target, jnp.int32(8)))
@@ -47,11 +49,16 @@ def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: 
     return Checkpoint(metadata, state)
 
 
-def plain(state: TrainState) -> list[np.ndarray]:
+def plain(state: TrainState | QNetwork) -> list[np.ndarray]:
     return [
         np.asarray(jax.random.key_data(leaf) if jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf)
         for leaf in jax.tree.leaves(state)
     ]
+
+
+@eqx.filter_jit
+def values(network: QNetwork, seen: Observation) -> jax.Array:
+    return jax.vmap(network)(seen)
 
 
 @pytest.mark.parametrize(
@@ -71,12 +78,13 @@ def test_what_is_read_is_what_was_saved(config: TrainConfig, problem: Scenario, 
     model, again = checkpoint.load_model(tmp_path), checkpoint.load(tmp_path)
     assert model.metadata == again.metadata == saved.metadata  # lists are tuples again
     assert checkpoint.read_metadata(tmp_path) == saved.metadata
-    assert eqx.tree_equal(model.q_network, saved.model.q_network)
-    for read, kept in zip(plain(again.state), plain(saved.state), strict=True):
-        np.testing.assert_array_equal(read, kept)
+    assert jax.tree.structure((model.q_network, again.state)) == jax.tree.structure((saved.model.q_network, saved.state))
+    for read, kept in ((model.q_network, saved.model.q_network), (again.state, saved.state)):
+        for one, other in zip(plain(read), plain(kept), strict=True):
+            np.testing.assert_array_equal(one, other, strict=True)
     # and so it decides as before
     seen = saved.state.walkers.observation
-    before, after = (jax.vmap(one.q_network)(seen) for one in (saved.model, model))
+    before, after = (values(one.q_network, seen) for one in (saved.model, model))
     np.testing.assert_array_equal(before, after)
     assert np.ptp(before) > 0
 

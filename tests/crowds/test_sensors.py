@@ -18,12 +18,17 @@ HOUR = 3600.0
 WEEK = 168
 KEY = jax.random.key(1)
 MANY = 4_000
+MOST = 12
 
 
-@partial(jax.jit, static_argnames=("futures", "slots"))
-def draw(flow: SensorFlow, hours: jax.Array, key: jax.Array = KEY, *, futures: int = MANY, slots: int = 4) -> jax.Array:
-    """As many futures and slots in most tests, so that they share compiled programs; they take the hours in turn."""
-    return flow.draw(key, jnp.resize(hours, futures), slots).counted
+@jax.jit
+def _drawn(flow: SensorFlow, hours: jax.Array, key: jax.Array) -> jax.Array:
+    return flow.draw(key, jnp.resize(hours, MANY), MOST).counted
+
+
+def draw(flow: SensorFlow, hours: jax.Array, key: jax.Array = KEY, *, slots: int = 4) -> np.ndarray:
+    """The first of many slots, so that all tests share compiled programs; the futures take the hours in turn."""
+    return np.asarray(_drawn(flow, hours, key))[:, :slots]
 
 
 @partial(jax.jit, static_argnames="slots")
@@ -48,7 +53,7 @@ def near(found: np.ndarray, expected: float | np.ndarray, error: float | np.ndar
 def flat(level: float, sensors: int = 1) -> SensorModel:
     """The same level in every hour."""
     ones = jnp.ones(sensors)
-    return SensorModel(jnp.full((WEEK, sensors), level), 0.0 * ones, all_day(0.3 * ones), 0.5 * ones, jnp.eye(sensors))
+    return SensorModel(jnp.full((WEEK, sensors), level, float), 0.0 * ones, all_day(0.3 * ones), 0.5 * ones, jnp.eye(sensors))
 
 
 def all_day(sigma: jax.Array) -> jax.Array:
@@ -66,7 +71,7 @@ BOTH = InterpolationWeights(jnp.array([[0, 1]]), jnp.array([[0.5, 0.5]]))
 
 def sensor_flow(slot_seconds: float = HOUR, sigma: float = 0.0, weekly: float = 0.0, **changes) -> SensorFlow:
     level = jnp.asarray(np.stack([np.tile(DAY, 7), np.full(WEEK, math.log(100))], axis=1), jnp.float32)
-    model = SensorModel(level, jnp.full(2, weekly), jnp.full((24, 2), sigma), jnp.array([0.5, 0.5]), jnp.eye(2))
+    model = SensorModel(level, jnp.full(2, weekly, float), jnp.full((24, 2), sigma, float), jnp.array([0.5, 0.5]), jnp.eye(2))
     return replace(SensorFlow(model, BOTH, jnp.array([1.0, 0.005]), slot_seconds), **changes)
 
 
@@ -100,7 +105,7 @@ def test_the_mean_is_above_the_median() -> None:
 
 def test_nobody_is_the_least() -> None:
     # log(1 + count) may come out below 0 where few are counted.
-    sensed = np.asarray(draw(sensor_flow(model=flat(0.1, 2)), at(0, 0)))
+    sensed = draw(sensor_flow(model=flat(0.1, 2)), at(0, 0))
     # Residuals are below -.1, a third of their deviation, in 37 % of the hours.
     assert sensed.min() == 0
     assert (sensed == 0).mean() == pytest.approx(0.3694, abs=0.02)
@@ -155,7 +160,7 @@ def drawn() -> np.ndarray:
         cholesky=jnp.linalg.cholesky(jnp.array([[1, 0.6], [0.6, 1]])),
     )
     flow = SensorFlow(model, BOTH, jnp.ones(2), HOUR)
-    return np.log1p(np.asarray(draw(flow, at(0, 0), slots=12), np.float64)) - 6
+    return np.log1p(np.asarray(draw(flow, at(0, 0), slots=MOST), np.float64)) - 6
 
 
 def test_residuals_are_stationary(drawn) -> None:
@@ -200,7 +205,7 @@ ELEVEN = at(11, 11)
 def uneven() -> SensorFlow:
     """In slots of half an hour; from 11:00 on their middles are a quarter and three quarters past."""
     sigma = jnp.where(jnp.arange(24)[:, None] < 12, 0.4, 0.2) * jnp.ones(2)
-    model = replace(flat(6.0, 2), weekly=jnp.full(2, 0.3), sigma=sigma)
+    model = replace(flat(6.0, 2), weekly=jnp.full(2, 0.3, float), sigma=sigma)
     return SensorFlow(model, BOTH, jnp.ones(2), HOUR / 2, uneven=0.5)
 
 
@@ -244,7 +249,7 @@ RECORD = jnp.asarray(1 + np.arange(2)[:, None, None] + np.arange(WEEK)[:, None] 
 def recorded(hours: jax.Array, slot_seconds: float = HOUR) -> np.ndarray:
     """Residuals of twenty futures in four slots; their two sensors have one."""
     flow, futures = sensor_flow(slot_seconds, record=RECORD), 20
-    sensed = np.asarray(draw(flow, hours, futures=futures), np.float64)
+    sensed = draw(flow, hours)[:futures].astype(np.float64)
     mean = np.asarray(expected(replace(flow, record=None), hours), np.float64)
     level = np.log1p(sensed / flow.per_count) - np.log1p(mean / flow.per_count)[np.arange(futures) % len(hours)]
     np.testing.assert_allclose(level[..., 0], level[..., 1], atol=1e-4)

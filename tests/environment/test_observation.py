@@ -33,6 +33,8 @@ from sidestep.walking.speed_laws import FREE_SPEED, Weidmann
 
 CLOSE = dict(rtol=1e-5, atol=0.02)  # s; twice what counts as settled
 SLOT = 300.0
+# Each is one program for an environment's shapes, not a small one for every operation.
+begin, take, look = jax.jit(reset), jax.jit(step), jax.jit(observe)
 
 
 def only(nodes: int, *which: int) -> jax.Array:
@@ -40,12 +42,14 @@ def only(nodes: int, *which: int) -> jax.Array:
     return jnp.arange(nodes) == jnp.array(which)[:, None]
 
 
+@jax.jit
 def with_map(params: EnvParams, destinations: jax.Array) -> EnvParams:
     """With the expected costs of getting to some destinations."""
     costs = expected_cost_to_go(params, destinations, jnp.zeros(len(destinations)))
     return replace(params, level="map", cost_to_go=costs)
 
 
+@partial(jax.jit, static_argnums=1)
 def with_counts(params: EnvParams, ahead: Ahead, counted: jax.Array) -> EnvParams:
     """With what is forecast from counts."""
     costs = live_cost_to_go(params, counted, ahead)
@@ -85,8 +89,8 @@ def informed(diamond, make_params) -> EnvParams:
 def see(
     params: EnvParams, node: int, clock: float, future: int = 0, destination: int = 3, level: str | None = None
 ) -> Observation:
-    state, _ = reset(params, Instance(*map(jnp.int32, (node, destination)), jnp.float32(clock), jnp.int32(future)))
-    return observe(params if level is None else replace(params, level=level), state)
+    instance = Instance(*map(jnp.int32, (node, destination)), jnp.float32(clock), jnp.int32(future))
+    return begin(params if level is None else replace(params, level=level), instance)[1]
 
 
 # --- Position -------------------------------------------------------------------------------------------------------
@@ -133,9 +137,9 @@ def test_before_the_destination_nothing_is_left_to_go(informed) -> None:
 
 
 def walked(params: EnvParams, *actions: int) -> EnvState:
-    state, _ = reset(params, Instance(*map(jnp.int32, (0, 3)), jnp.float32(0), jnp.int32(2)))
+    state, _ = begin(params, Instance(*map(jnp.int32, (0, 3)), jnp.float32(0), jnp.int32(2)))
     for action in actions:
-        state, _ = step(params, state, jnp.int32(action))
+        state, _ = take(params, state, jnp.int32(action))
     return state
 
 
@@ -151,7 +155,7 @@ def test_crossings_since_a_next_node_was_left(informed) -> None:
         ([1, 1, 0, 1], 0, [1, 3]),  # and then 1 and back
     ]:
         state = walked(params, *actions)
-        assert (int(state.node), observe(params, state).local.steps_since_visit.tolist()) == (node, left)
+        assert (int(state.node), look(params, state).local.steps_since_visit.tolist()) == (node, left)
 
 
 def test_what_was_left_long_ago_is_forgotten(informed) -> None:
@@ -159,9 +163,9 @@ def test_what_was_left_long_ago_is_forgotten(informed) -> None:
     # Node 2 is left on the second step; then to and fro between 0 and 1, two steps a time.
     state, found = walked(params, 1, 1), []
     for _ in range(6):
-        found.append(observe(params, state).local.steps_since_visit.tolist()[1])
+        found.append(look(params, state).local.steps_since_visit.tolist()[1])
         for action in (0, 1):
-            state, _ = step(params, state, jnp.int32(action))
+            state, _ = take(params, state, jnp.int32(action))
     assert found == [1, 3, 5, 7, RECENT_NODES + 1, RECENT_NODES + 1]
 
 
@@ -190,8 +194,8 @@ def test_map_knows_the_expected_crowd_of_now(informed) -> None:
         assert seen.local.crossing.tolist() == pytest.approx([200, 100])
 
 
-def test_every_destination_has_a_table_of_its_own(diamond, constant_field, make_params) -> None:
-    params = known(make_params(diamond, constant_field(diamond), hours=(0.0, 0.0)), (3, 0))
+def test_every_destination_has_a_table_of_its_own(diamond, make_params) -> None:
+    params = known(make_params(diamond, speed_field(jnp.ones((3, 8, 2)), SLOT), hours=(0.0, 0.0)), (3, 0))
     assert params.cost_to_go.table.shape == (2, 2, 4)
     assert params.cost_to_go.destination.tolist() == [1, -1, -1, 0]
     np.testing.assert_allclose(params.cost_to_go.table[:, 0], [[300, 200, 250, 0], [0, 100, 150, 300]], **CLOSE)
@@ -244,6 +248,7 @@ def test_after_the_window_of_a_forecast_crowds_are_as_expected(make_params) -> N
     params = make_params(network, *(speed_field(jnp.full((2, 8), speed), 100.0) for speed in (0.5, 1.0)))
     params = with_map(params, only(3, 2))
 
+    @partial(jax.jit, static_argnums=0)
     def foreseen(slots: int) -> LiveCostToGo:
         stays = lambda now, *_: speed_field(jnp.tile(now[:, None], slots), 100.0)  # noqa: E731
         return live_cost_to_go(params, jnp.swapaxes(params.futures.speeds.speed, 1, 2), stays)
@@ -309,10 +314,10 @@ def test_each_level_sees_what_the_one_before_it_sees(informed, node: int, clock:
 def test_the_level_is_the_environments(informed) -> None:
     for level in LEVELS:
         params = replace(informed, level=level)
-        state, seen = reset(params, Instance(*map(jnp.int32, (0, 3)), jnp.float32(7), jnp.int32(1)))
+        state, seen = begin(params, Instance(*map(jnp.int32, (0, 3)), jnp.float32(7), jnp.int32(1)))
         same(seen, see(informed, 0, 7.0, 1, level=level))
-        state, outcome = step(params, state, jnp.int32(0))
-        same(outcome.observation, observe(params, state))
+        state, outcome = take(params, state, jnp.int32(0))
+        same(outcome.observation, look(params, state))
 
 
 @pytest.mark.parametrize("level", ["map", "live"])
@@ -341,7 +346,7 @@ def test_walks_that_nothing_is_known_about_are_refused(informed, diamond, make_p
     with pytest.raises(ValueError, match="getting to node 2"):
         check_known(informed, walks([3, 2]))
     check_known(replace(informed, level="local"), walks([2]))
-    two = make_params(diamond, speed_field(jnp.ones((2, 8, 2)), SLOT), hours=(0.0, 0.0))
+    two = make_params(diamond, speed_field(jnp.ones((3, 8, 2)), SLOT), hours=(0.0, 0.0))
     for params in (known(two, (3, 0)), replace(with_map(two, only(4, 3, 0)), expected=two.futures.speeds)):
         check_known(params, walks([0, 0], future=1))
         with pytest.raises(ValueError, match="walk 1 meets future 1, which is for another destination"):
@@ -385,7 +390,7 @@ def town() -> EnvParams:
     usual = np.tile([0.4, 2.0, 1.2], (1, 3, 1))
     futures, expected = sensed(usual * np.array([1, 3, 0.5])[:, None, None], spread), sensed(usual, spread)
     params = EnvParams(network, futures_in_turn(futures, jnp.zeros(1)), expected, jnp.float32(1e5))
-    return jax.jit(with_map)(params, only(16, END))
+    return with_map(params, only(16, END))
 
 
 def to_the_end(future: int) -> Instance:
@@ -438,7 +443,7 @@ def test_denser_crowds_take_longer(town) -> None:
     assert cost_to_go_scaled[valid].max() > 10
     # It is what it takes if the expected crowds are DENSITY_SCALE times as dense.
     dense = replace(town, expected=town.expected.scaled(DENSITY_SCALE))
-    other = jax.jit(with_map)(dense, only(16, END)).cost_to_go.table[0, 0]
+    other = with_map(dense, only(16, END)).cost_to_go.table[0, 0]
     onto = np.asarray(town.network.exit_node)[:15]
     np.testing.assert_allclose(
         cost_to_go_scaled[valid], (np.asarray(other - town.cost_to_go.table[0, 0])[onto])[valid], atol=0.1

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.environment.dynamics import reset, step
+from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.network.graph import ABSENT
 
@@ -37,7 +38,6 @@ class Walk(eqx.Module):
 
 class _Carry(NamedTuple):
     state: EnvState
-    observation: Observation
     over: Bool[Array, ""]
     walk: Walk
 
@@ -61,14 +61,16 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
     Walk
         How it went.
     """
-    start, observation = reset(params, instance)
+    start, _ = reset(params, instance)
     there, nothing = instance.origin == instance.destination, jnp.float32(0)
     measures = dict.fromkeys(params.objective.measures, nothing)
     segments, clocks = jnp.full(trace, ABSENT, jnp.int32), jnp.full(trace, instance.departure)
 
     def onward(carry: _Carry) -> _Carry:
         before, so_far = carry.state, carry.walk
-        state, outcome = step(params, before, decide(carry.observation, jax.random.fold_in(key, before.steps)))
+        # Observed here, not carried from the step before: so there is one observation to compile instead of two.
+        action = decide(observe(params, before), jax.random.fold_in(key, before.steps))
+        state, outcome = step(params, before, action)
         walked = Walk(
             seconds=state.clock - instance.departure,
             arrived=outcome.terminated,
@@ -78,10 +80,10 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
             segments=jnp.where(jnp.arange(trace) == before.steps, outcome.segment, so_far.segments),
             clocks=jnp.where(jnp.arange(trace) >= before.steps, state.clock, so_far.clocks),
         )
-        return _Carry(state, outcome.observation, outcome.terminated | outcome.truncated, walked)
+        return _Carry(state, outcome.terminated | outcome.truncated, walked)
 
     begun = Walk(nothing, there, start.steps, nothing, measures, segments, clocks)
-    end = jax.lax.while_loop(lambda carry: ~carry.over, onward, _Carry(start, observation, there, begun)).walk
+    end = jax.lax.while_loop(lambda carry: ~carry.over, onward, _Carry(start, there, begun)).walk
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
     seconds = jnp.where(end.arrived, jnp.minimum(end.seconds, params.horizon), params.horizon)
     cost = params.objective.walk_cost(end.cost, seconds, end.arrived, params.horizon)
