@@ -78,7 +78,9 @@ def test_what_is_read_is_what_was_saved(config: TrainConfig, problem: Scenario, 
     model, again = checkpoint.load_model(tmp_path), checkpoint.load(tmp_path)
     assert model.metadata == again.metadata == saved.metadata  # lists are tuples again
     assert checkpoint.read_metadata(tmp_path) == saved.metadata
-    assert jax.tree.structure((model.q_network, again.state)) == jax.tree.structure((saved.model.q_network, saved.state))
+    assert jax.tree.structure((model.q_network, again.state)) == jax.tree.structure(
+        (saved.model.q_network, saved.state)
+    )
     for read, kept in ((model.q_network, saved.model.q_network), (again.state, saved.state)):
         for one, other in zip(plain(read), plain(kept), strict=True):
             np.testing.assert_array_equal(one, other, strict=True)

@@ -53,7 +53,9 @@ def near(found: np.ndarray, expected: float | np.ndarray, error: float | np.ndar
 def flat(level: float, sensors: int = 1) -> SensorModel:
     """The same level in every hour."""
     ones = jnp.ones(sensors)
-    return SensorModel(jnp.full((WEEK, sensors), level, float), 0.0 * ones, all_day(0.3 * ones), 0.5 * ones, jnp.eye(sensors))
+    return SensorModel(
+        jnp.full((WEEK, sensors), level, float), 0.0 * ones, all_day(0.3 * ones), 0.5 * ones, jnp.eye(sensors)
+    )
 
 
 def all_day(sigma: jax.Array) -> jax.Array:
@@ -71,7 +73,9 @@ BOTH = InterpolationWeights(jnp.array([[0, 1]]), jnp.array([[0.5, 0.5]]))
 
 def sensor_flow(slot_seconds: float = HOUR, sigma: float = 0.0, weekly: float = 0.0, **changes) -> SensorFlow:
     level = jnp.asarray(np.stack([np.tile(DAY, 7), np.full(WEEK, math.log(100))], axis=1), jnp.float32)
-    model = SensorModel(level, jnp.full(2, weekly, float), jnp.full((24, 2), sigma, float), jnp.array([0.5, 0.5]), jnp.eye(2))
+    model = SensorModel(
+        level, jnp.full(2, weekly, float), jnp.full((24, 2), sigma, float), jnp.array([0.5, 0.5]), jnp.eye(2)
+    )
     return replace(SensorFlow(model, BOTH, jnp.array([1.0, 0.005]), slot_seconds), **changes)
 
 

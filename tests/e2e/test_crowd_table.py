@@ -1,8 +1,7 @@
 """Tables of crowds as people use them: imported by the command line, walked through at a venue."""
 
 import json
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -67,13 +66,13 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
-def run(folder: Path, *args: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "sidestep", "counts", "import", *args, "--network", "town.npz"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+@pytest.fixture
+def run(sidestep, folder: Path) -> Callable:
+    return lambda *args: sidestep("counts", "import", *args, "--network", "town.npz", cwd=folder)
 
 
-def test_a_table_becomes_crowds(folder: Path) -> None:
-    done = run(folder, "crowds.csv", "--out", "new/crowds.npz", "--json")
+def test_a_table_becomes_crowds(run, folder: Path) -> None:
+    done = run("crowds.csv", "--out", "new/crowds.npz", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert (found["rows"], found["segments"], found["mentioned"], found["slots"]) == (96, 48, 48, 4)
@@ -85,9 +84,9 @@ def test_a_table_becomes_crowds(folder: Path) -> None:
     assert (folder / "new" / "crowds.npz").read_bytes() == (folder / "made.npz").read_bytes()
 
 
-def test_people_are_told_what_was_filled(folder: Path) -> None:
+def test_people_are_told_what_was_filled(run, folder: Path) -> None:
     (folder / "gap.csv").write_text("from,to,slot,volume,seen\n100,101,0,400,a\n100,101,2,800,b\n")
-    done = run(folder, "gap.csv", "--out", "gap.npz", "--slot", "2")
+    done = run("gap.csv", "--out", "gap.npz", "--slot", "2")
     assert done.returncode == 0, done.stderr
     for said in (
         "2 rows",
@@ -101,9 +100,9 @@ def test_people_are_told_what_was_filled(folder: Path) -> None:
     assert load_crowd_table(folder / "gap.npz").value.tolist() == [[400], [600], [800]]
 
 
-def test_speeds_below_the_lowest_of_a_law_are_counted(folder: Path) -> None:
+def test_speeds_below_the_lowest_of_a_law_are_counted(run, folder: Path) -> None:
     (folder / "slow.csv").write_text("segment,slot,speed\n0,0,0.01\n1,0,0.1\n2,0,0.2\n")
-    done = run(folder, "slow.csv", "--out", "slow.npz", "--law", "power-capped")
+    done = run("slow.csv", "--out", "slow.npz", "--law", "power-capped")
     assert "power-capped, 2 below" in done.stdout
     # The lowest speeds are .05 and 1.34 12^-.8 = .184.
     town = load_town(folder / "town.npz")
@@ -120,9 +119,9 @@ def test_speeds_below_the_lowest_of_a_law_are_counted(folder: Path) -> None:
         ("segment,slot,volume\n0,0,1\n", ("--out", "bad.csv"), ".npz"),
     ],
 )
-def test_bad_input_is_one_sentence(folder: Path, text: str, args: tuple[str, ...], said: str) -> None:
+def test_bad_input_is_one_sentence(run, folder: Path, text: str, args: tuple[str, ...], said: str) -> None:
     (folder / "bad.csv").write_text(text)
-    done = run(folder, "bad.csv", *(() if "--out" in args else ("--out", "bad.npz")), *args)
+    done = run("bad.csv", *(() if "--out" in args else ("--out", "bad.npz")), *args)
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert said in done.stderr
     assert not (folder / "bad.npz").exists()

@@ -1,8 +1,7 @@
 """`sidestep import-osm` as people use it."""
 
 import json
-import subprocess
-import sys
+from functools import partial
 
 import pytest
 
@@ -23,14 +22,9 @@ TOWN = """<osm version="0.6">
 
 
 @pytest.fixture
-def import_osm(tmp_path):
+def import_osm(sidestep, tmp_path):
     (tmp_path / "town.osm").write_text(TOWN)
-
-    def run(*args):
-        command = [sys.executable, "-m", "sidestep", "import-osm", *map(str, args)]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
-
-    return run
+    return partial(sidestep, "import-osm", cwd=tmp_path)
 
 
 def test_an_extract_becomes_a_town(import_osm, tmp_path) -> None:

@@ -1,22 +1,6 @@
 """Scenario files as people use them: made, walked, and refused."""
 
 import json
-import os
-import subprocess
-import sys
-
-import pytest
-
-
-@pytest.fixture(scope="module")
-def sidestep(tmp_path_factory):
-    environ = {**os.environ, "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "200"}
-
-    def run(*args, cwd):
-        command = [sys.executable, "-m", "sidestep", *map(str, args)]
-        return subprocess.run(command, env=environ, cwd=cwd, capture_output=True, text=True, timeout=300)
-
-    return run
 
 
 def one_sentence(done) -> str:
