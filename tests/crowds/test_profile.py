@@ -79,3 +79,19 @@ def test_never_negative_and_never_nan_after_a_count(start: int, phi: float, seri
     seen = np.cumsum(~np.isnan(series[:-1])) > 0
     assert np.isnan(found[1:]).tolist() == (~seen).tolist()
     assert not (found < 0).any()
+
+
+def test_weeks_that_are_all_alike_have_no_innovations() -> None:
+    times = np.datetime64("2024-01-01T00", "h") + np.arange(3 * profile.HOURS_OF_WEEK)
+    square = np.where(np.arange(len(times)) % 24 < 12, 0.0, 100.0)
+    model = profile.fit_profile(times, square)
+    assert (model.residual.ar.tolist(), float(model.residual.sigma)) == ([0.0], 0.0)
+    np.testing.assert_allclose(np.expm1(model.expected), square[: profile.HOURS_OF_WEEK], rtol=1e-5)
+    predicted = np.asarray(profile.one_step(model, jnp.asarray(profile.hour_of_week(times)), jnp.asarray(square)))
+    np.testing.assert_allclose(predicted[1:], square[1:], rtol=1e-5)
+
+
+def test_one_week_tells_nothing_about_others() -> None:
+    times = np.datetime64("2024-01-01T00", "h") + np.arange(profile.HOURS_OF_WEEK)
+    with pytest.raises(SeriesError, match="once"):
+        profile.fit_profile(times, np.arange(float(profile.HOURS_OF_WEEK)))

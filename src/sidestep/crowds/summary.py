@@ -9,8 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.crowds import arima, counts, profile
-from sidestep.crowds.counts import CountsError, CountTable, Period, Repair
+from sidestep.crowds.counts import CountsError, CountTable, Period
+from sidestep.crowds.layouts import RECOGNISED, Layout
 from sidestep.crowds.profile import HOURS_OF_WEEK
+from sidestep.crowds.repairs import Repair
 
 DEFAULT_SENSOR = "45 Queen Street"  # the one that the paper scenarios' model is fitted to
 Order = tuple[int, int | None, int]
@@ -33,8 +35,8 @@ class OneStepErrors:
 
 
 @dataclass(frozen=True)
-class CountSummary:
-    """Counts, repairs, a model and its errors; plain numbers throughout."""
+class CountReport:
+    """What a table of counts holds, and what was made of its file; plain numbers throughout."""
 
     source: str
     """Name of the file, or the publisher."""
@@ -46,8 +48,16 @@ class CountSummary:
     """Number of hours."""
     sensors: tuple[str, ...]
     """Names of the sensors."""
+    understood: tuple[str, ...]
+    """How the file was read, in words."""
     repairs: tuple[Repair, ...]
     """What was wrong with the counts as published."""
+
+
+@dataclass(frozen=True)
+class CountSummary(CountReport):
+    """Counts, repairs, a model and its errors; plain numbers throughout."""
+
     sensor: str
     """The sensor that the models are fitted to."""
     train: Period
@@ -78,19 +88,42 @@ class CountSummary:
     """Root-mean-square error of the next hour's count by prediction, persons/h."""
 
 
-def summarise_counts(file: Path | None, sensor: str | None, order: Order, seed: int) -> CountSummary:
+def report_counts(table: CountTable) -> CountReport:
+    """What a table of counts holds.
+
+    Returns
+    -------
+    report
+        All that ``sidestep counts --out --json`` prints.
+    """
+    return CountReport(
+        source=table.source,
+        first=str(table.times[0]),
+        last=str(table.times[-1]),
+        hours=len(table.times),
+        sensors=table.sensors,
+        understood=table.understood,
+        repairs=table.repairs,
+    )
+
+
+def summarise_counts(
+    file: Path | None, sensor: str | None, order: Order, seed: int, layout: Layout = RECOGNISED
+) -> CountSummary:
     """Load Auckland's counts or a file, fit the models to one sensor and test them.
 
     Parameters
     ----------
     file
-        Hourly counts as CSV; None for Auckland's.
+        A file of counts; None for Auckland's.
     sensor
         By default the one that the paper's scenarios use, or the first of the file.
     order
         Order (p, d, q) of the ARIMA; the data choose d where it is None.
     seed
         Of the simulated week.
+    layout
+        What the file does not say itself.
 
     Returns
     -------
@@ -102,7 +135,7 @@ def summarise_counts(file: Path | None, sensor: str | None, order: Order, seed: 
     CountsError
         Counts that are not usable, or too few of them; an unknown sensor.
     """
-    table = counts.load_auckland() if file is None else counts.read_counts(file)
+    table = counts.load_auckland() if file is None else counts.read_counts(file, layout)
     sensor = sensor or (DEFAULT_SENSOR if file is None else table.sensors[0])
     train, test = periods(table)
     found = one_step_errors(table, sensor, train, test, order)
@@ -112,12 +145,7 @@ def summarise_counts(file: Path | None, sensor: str | None, order: Order, seed: 
     last = jnp.asarray(training[~np.isnan(training)][-HOURS_OF_WEEK:])
     week = np.asarray(arima.simulate(model, last, innovations))
     return CountSummary(
-        source=table.source,
-        first=str(table.times[0]),
-        last=str(table.times[-1]),
-        hours=len(table.times),
-        sensors=table.sensors,
-        repairs=table.repairs,
+        **vars(report_counts(table)),
         sensor=sensor,
         train=train,
         test=test,

@@ -1,0 +1,121 @@
+"""Where the sensors of a file of counts are, and counts as a file that explains itself."""
+
+import csv
+from pathlib import Path
+from reprlib import repr as quoted
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from sidestep.crowds.column_names import LATITUDES, LONGITUDES, SENSORS, plain
+from sidestep.crowds.sheets import Sheet, open_sheet
+from sidestep.errors import SidestepError
+from sidestep.files import OutputError, whole_file
+
+if TYPE_CHECKING:
+    from sidestep.crowds.counts import CountTable
+
+SUFFIX = ".csv"
+
+
+def positions_path(path: Path) -> Path:
+    """The file beside a file of counts that has the positions of its sensors: NAME.positions.csv beside NAME.csv."""
+    return path.with_name(f"{path.stem}.positions.csv")
+
+
+def positions_beside(
+    path: Path, sensors: tuple[str, ...], error: type[SidestepError]
+) -> Float[np.ndarray, "sensor 2"] | None:
+    """Read where the sensors of a file of counts are.
+
+    Parameters
+    ----------
+    path
+        The file of counts.
+    sensors
+        Their names, which the file of positions must have; it may have others.
+    error
+        Type of the errors.
+
+    Returns
+    -------
+    positions
+        Latitude and longitude in degrees; None where there is no file of positions.
+
+    Raises
+    ------
+    SidestepError
+        Of type ``error``: a file that is not readable, lacks a column or a sensor, or has degrees that are none.
+    """
+    beside = positions_path(path)
+    if not path.stem or not beside.is_file():
+        return None
+    known = frozenset(SENSORS) | LATITUDES | LONGITUDES
+    sheet = open_sheet(beside, error, lambda name: plain(name) in known)
+    found = [
+        next((name for name in sheet.names if plain(name) in names), None) for names in (SENSORS, LATITUDES, LONGITUDES)
+    ]
+    name, *degrees = found
+    if name is None or None in degrees:
+        raise error(f"{beside}: needs the columns sensor, latitude and longitude", field="sensor")
+    names = sheet.read(name)[name].values(str, object).tolist()
+    latitude, longitude = (_degrees(sheet, str(each), most) for each, most in zip(degrees, (90.0, 180.0), strict=True))
+    place = dict(zip(names, np.stack([latitude, longitude], axis=1), strict=True))
+    for sensor in sensors:
+        if sensor not in place:
+            raise error(f"{beside}: the sensor {quoted(sensor)} of {path.name} is missing", field=sensor)
+    return np.array([place[sensor] for sensor in sensors])
+
+
+def _degrees(sheet: Sheet, column: str, most: float) -> Float[np.ndarray, " row"]:
+    cells = sheet.read(column)[column]
+
+    def number(text: str) -> float:
+        try:
+            return float(text if sheet.delimiter == "," else text.replace(",", "."))
+        except ValueError:
+            return np.nan
+
+    values = cells.values(number, np.float64)
+    hint = "; latitude and longitude may be swapped" if most < 180 else ""
+    sheet.refuse_any(column, cells, ~(np.abs(values) <= most), f"is not between -{most:g} and {most:g} degrees{hint}")
+    return values
+
+
+def save_counts(table: "CountTable", path: Path) -> None:
+    """Write counts as CSV: ``time``, then a column for each sensor; an empty cell is a missing count.
+
+    Where positions are known, they are written beside it. :func:`sidestep.crowds.counts.read_counts` reads both.
+
+    Parameters
+    ----------
+    table
+        The counts.
+    path
+        The file, which ends in .csv.
+
+    Raises
+    ------
+    OutputError
+        Another ending, or a place that cannot be written to.
+    """
+    check_suffix(path)
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time", *table.sensors])
+        for time, counts in zip(np.datetime_as_string(table.times, "m"), table.counts.tolist(), strict=True):
+            writer.writerow([time, *("" if count != count else f"{count:.15g}" for count in counts)])  # noqa: PLR0124 - NaN
+    if table.positions is not None:
+        with whole_file(positions_path(path)) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["sensor", "latitude", "longitude"])
+            writer.writerows(
+                [name, *place] for name, place in zip(table.sensors, table.positions.tolist(), strict=True)
+            )
+
+
+def check_suffix(path: Path) -> None:
+    """Refuse a name for counts that does not end in .csv."""
+    if path.suffix.lower() != SUFFIX:
+        raise OutputError(f"{path}: give counts a name that ends in {SUFFIX}", field="out")

@@ -1,0 +1,78 @@
+"""Positions beside counts, and counts written as they were understood."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sidestep.crowds.count_files import positions_path, save_counts
+from sidestep.crowds.counts import CountsError, CountTable, read_counts
+from sidestep.files import OutputError
+
+COUNTS = "time,Quay,Hall\n2024-03-04T00,1.5,\n2024-03-04T01,,3\n2024-03-04T03,1e5,0.1\n"
+
+
+@pytest.fixture
+def counts(tmp_path: Path) -> Path:
+    (tmp_path / "c.csv").write_text(COUNTS)
+    return tmp_path / "c.csv"
+
+
+def beside(counts: Path, text: str) -> CountTable:
+    positions_path(counts).write_text(text)
+    return read_counts(counts)
+
+
+def test_positions_stand_beside_the_counts(counts: Path) -> None:
+    assert positions_path(counts).name == "c.positions.csv"
+    assert read_counts(counts).positions is None
+    found = [[60.17, 24.94], [-60.5, 180]]
+    for text in (
+        "sensor,latitude,longitude\nHall,-60.5,180\nelsewhere,1,2\nQuay,60.17,24.94\n",
+        "Lat;Lon;Sensor_Name\n60,17;24,94;Quay\n-60,5;180;Hall\n",
+    ):
+        table = beside(counts, text)
+        assert table.positions is not None
+        assert table.positions.tolist() == found
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "field"),
+    [
+        ("sensor,latitude,longitude\nQuay,60,24\n", None, "Hall"),
+        ("sensor,latitude\nQuay,60\nHall,61\n", None, "sensor"),
+        ("place,latitude,longitude\nQuay,60,24\nHall,61,25\n", None, "sensor"),
+        ("sensor,latitude,longitude\nQuay,60,24\nHall,144.9,-37.8\n", 3, "latitude"),  # swapped
+        ("sensor,latitude,longitude\nQuay,60,24\nHall,61,181\n", 3, "longitude"),
+        ("sensor,latitude,longitude\nQuay,60,24\nHall,,25\n", 3, "latitude"),
+        ("sensor,latitude,longitude\nQuay,60,24\nHall,nan,25\n", 3, "latitude"),
+        ("", None, None),
+    ],
+)
+def test_positions_that_are_none(counts: Path, text: str, line: int | None, field: str | None) -> None:
+    with pytest.raises(CountsError, match=r"c\.positions\.csv") as caught:
+        beside(counts, text)
+    assert (caught.value.line, caught.value.field) == (line, field)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_written_is_read_alike(counts: Path, tmp_path: Path) -> None:
+    table = beside(counts, "sensor,latitude,longitude\nHall,-60.5,180\nQuay,60.17,24.94\n")
+    save_counts(table, tmp_path / "clean.csv")
+    again = read_counts(tmp_path / "clean.csv")
+    for name in ("times", "counts", "positions"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(table, name))
+    assert again.sensors == table.sensors
+    assert (tmp_path / "clean.csv").read_text().splitlines()[:2] == ["time,Quay,Hall", "2024-03-04T00:00,1.5,"]
+    assert {"gap"} == {repair.kind for repair in table.repairs} - {repair.kind for repair in again.repairs}
+    with pytest.raises(OutputError) as caught:
+        save_counts(table, tmp_path / "clean.txt")
+    assert caught.value.field == "out"
+
+
+def test_the_bundled_counts_are_written_with_their_positions(auckland: CountTable, tmp_path: Path) -> None:
+    part = auckland.between("2024-04-06", "2024-04-09")
+    save_counts(part, tmp_path / "a.csv")
+    again = read_counts(tmp_path / "a.csv")
+    np.testing.assert_array_equal(again.counts, part.counts)
+    np.testing.assert_array_equal(again.positions, part.positions)
