@@ -422,6 +422,54 @@ def test_counts_of_an_own_file(sidestep, tmp_path):
     assert all(error > 0 for error in found["rmse"].values())
 
 
+def test_counts_of_a_publisher_are_understood_and_written(sidestep, tmp_path):
+    times = [
+        f"March {day:02}, 2024 {hour % 12 or 12}:00 {'AP'[hour // 12]}M" for day in range(1, 29) for hour in range(24)
+    ]
+    cells = [f"{time},{where},{100 * (i % 24 >= 12)}" for i, time in enumerate(times) for where in ("Hall", "Quay")]
+    (tmp_path / "c.csv").write_text("\n".join(["When,Where,Many", *cells, ""]))
+    assert "'When'" in one_sentence(sidestep("counts", "c.csv", cwd=tmp_path))
+    named = ("counts", "c.csv", "--columns", "time=When,sensor=Where", "--columns", "count=Many")
+    done = sidestep(*named, "--out", "clean/c.csv", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["hours"], found["sensors"], found["repairs"]) == (28 * 24, ["Hall", "Quay"], [])
+    assert any("'Where'" in said for said in found["understood"])
+    assert (tmp_path / "clean" / "c.csv").read_text().startswith("time,Hall,Quay\n2024-03-01T00:00,0,0\n")
+    # A square wave is fitted: all weeks are alike.
+    done = sidestep("counts", "clean/c.csv", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert max(json.loads(done.stdout)["rmse"].values()) < 100
+    done = sidestep(*named, "--out", "again.csv", cwd=tmp_path)
+    assert "Read as: " in done.stdout
+    assert "no repairs" in done.stdout
+    before = (tmp_path / "c.csv").read_text()
+    for options, says in (
+        (("--out", "c.csv"), "--out"),
+        (("--out", "c.txt"), ".csv"),
+        (("--timezone", "Helsinki"), "Europe/Helsinki"),
+        (("--columns", "ignore=Nobody"), "Nobody"),
+        (("--columns", "when=When"), "--columns"),
+        (("--date-format", "dd/mm"), "day-first"),
+    ):
+        assert says in one_sentence(sidestep(*named, *options, cwd=tmp_path))
+    assert (tmp_path / "c.csv").read_text() == before
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["again.csv", "c.csv", "clean"]
+
+
+def test_new_scenarios_begin_with_own_files(sidestep, tmp_path):
+    for options, says in (
+        (("--streets", "none.npz"), "none.npz"),
+        (("--counts", "none.csv"), "none.csv"),
+        (("--timezone", "Helsinki"), "Europe/Helsinki"),
+    ):
+        assert says in one_sentence(sidestep("new", "town", *options, cwd=tmp_path))
+    assert list(tmp_path.iterdir()) == []
+    done = sidestep("new", "town", "--timezone", "Europe/Tallinn", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout) == {"scenario": "town/scenario.toml", "sensors": 16, "at_their_places": 0}
+    assert 'timezone = "Europe/Tallinn"' in (tmp_path / "town" / "scenario.toml").read_text()
+
+
 def test_damaged_models_are_refused(sidestep, model, tmp_path):
     whole = (model / "model.eqx").read_bytes()
     line, numbers = whole.split(b"\n", 1)

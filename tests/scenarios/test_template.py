@@ -9,7 +9,7 @@ import pytest
 from sidestep.files import OutputError
 from sidestep.scenarios.builtin import BUILT_IN
 from sidestep.scenarios.model import ObjectiveSpec, RewardSpec
-from sidestep.scenarios.places import Light, Traffic
+from sidestep.scenarios.places import CountColumns, Light, Traffic
 from sidestep.scenarios.reader import CountersFile, CrowdTableFile, ScenarioFile, TrafficFile, VenueFile, load_scenario
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.template import new_scenario
@@ -53,6 +53,7 @@ def test_it_names_every_field(made) -> None:
     place = values["place"]
     assert set(place) == fields(VenueFile, "kind")
     assert set(place["crowd_source"]) == fields(CountersFile)
+    assert set(place["crowd_source"]["columns"]) == fields(CountColumns)
     assert set(place["traffic"]) == fields(TrafficFile)
     assert set(place["traffic"]["lights"]["Kaivokatu"]) == fields(Light, "name")
     assert set(values["objective"]) == fields(ObjectiveSpec)
@@ -70,7 +71,16 @@ def test_it_names_every_field(made) -> None:
 
 def test_the_page_names_every_field() -> None:
     page = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text("utf-8")
-    for kind in (ScenarioFile, VenueFile, CountersFile, CrowdTableFile, Traffic, ObjectiveSpec, RewardSpec):
+    for kind in (
+        ScenarioFile,
+        VenueFile,
+        CountersFile,
+        CountColumns,
+        CrowdTableFile,
+        Traffic,
+        ObjectiveSpec,
+        RewardSpec,
+    ):
         for name, field in kind.model_fields.items():
             assert re.search(rf"[`.\[]{field.alias or name}\b", page), name
 

@@ -194,20 +194,39 @@ def import_osm(
     print(f"Streets: {out} ({town.attribution})")
 
 
-def new(name: str, /, *, as_json: options.Json = False) -> None:
+def new(
+    name: str,
+    /,
+    *,
+    streets: str = "helsinki",
+    counts: str = "auckland",
+    timezone: str | None = None,
+    as_json: options.Json = False,
+) -> None:
     """Write a commented scenario file to start from; it runs as it is.
 
     Parameters
     ----------
     name
         Name of the scenario, and of the folder to make for it here.
+    streets
+        Streets to begin with: a file, .npz or .graphml, or helsinki.
+    counts
+        Counts to begin with: a file, or auckland. If they know where sensors stand, those in the town stand there.
+    timezone
+        Timezone of the place, such as Europe/Helsinki; that of Helsinki and Auckland is known.
     """
-    from sidestep.scenarios.template import new_scenario
+    from sidestep.scenarios.template import begin, check_name, new_scenario
 
-    file = new_scenario(Path(), name)
+    check_name(name)
+    beginning = begin(streets, counts, timezone)
+    file = new_scenario(Path(), name, beginning)
     if as_json:
-        print(json.dumps({"scenario": str(file)}, indent=2))
+        sensors = {"sensors": beginning.counted, "at_their_places": beginning.standing}
+        print(json.dumps({"scenario": str(file), **sensors}, indent=2))
         return
+    if beginning.standing:
+        print(f"{beginning.standing} of {beginning.counted} sensors stand in this town, at their true places")
     print(f"{file}: try `sidestep compare {file} --walks 50 --planners shortest-path`, then make it yours")
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from sidestep.crowds.counts import CountTable, read_counts
 from sidestep.crowds.profile import time_of_week
+from sidestep.crowds.wall_time import local_time
 from sidestep.network.graph import ABSENT
 from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
 from sidestep.planners.base import Planner
@@ -222,11 +223,12 @@ class TownLocator:
             hour, time = self._venue.departure_hours(1)[0], None
             day, minute = divmod(round(60 * hour), 24 * 60)
             departs = f"{DAYS[day % 7]} {minute // 60:02}:{minute % 60:02}"
-        elif isinstance(depart, datetime) and depart.tzinfo is None and depart.year < MAXYEAR:
-            hour, time = time_of_week(depart), depart
-            departs = f"{DAYS[depart.weekday()]} {depart:%Y-%m-%d %H:%M}"
+        elif isinstance(depart, datetime) and depart.year < MAXYEAR:
+            with at_fault("depart"):
+                time = local_time(depart, self._venue.timezone)
+            hour, departs = time_of_week(time), f"{DAYS[time.weekday()]} {time:%Y-%m-%d %H:%M}"
         else:
-            said = "the departure must be a local time without zone, such as 2025-05-24T12:30"
+            said = "the departure must be a local time, such as 2025-05-24T12:30"
             raise RouteError(f"{said}, not {depart}", field="depart")
         if not flow.covers(hour):
             raise RouteError(f"{self._source} covers {flow.coverage}, but the departure is {departs}", field="depart")
@@ -268,7 +270,7 @@ class TownLocator:
         if time is None:
             raise RouteError("live counts need a departure with its day, such as 2025-05-24T12:30", field="depart")
         with at_fault("live"):
-            counts = live if isinstance(live, CountTable) else read_counts(Path(live))
+            counts = live if isinstance(live, CountTable) else read_counts(Path(live), self._venue.layout)
             return with_live_counts(here, counts, time)
 
     def _expected_crowds(self, hour: float | None, counted: int | None) -> str:

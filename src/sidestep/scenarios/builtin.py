@@ -7,6 +7,8 @@ from sidestep.scenarios.spec import ScenarioError, hint
 NO_EXTRAS = RewardSpec(progress=0.0, bonus=0.0)
 """Nothing but the cost of the walk."""
 
+HELSINKI_TIMEZONE = "Europe/Helsinki"
+
 # Not those five whose cameras were exchanged between the weeks that are fitted and those that are tested.
 _NAMES = (
     "1 Courthouse Lane", "107 Quay Street", "150 K Road", "183 K Road", "188 Quay Street Lower Albert (EW)",
@@ -32,7 +34,7 @@ _EVENT_DAY = Counters(sensors=AUCKLAND_SENSORS, streets_per_sensor=10, uneven=0.
 _HELSINKI = _RUSH_16.changed(
     name="helsinki",
     summary="central Helsinki, with counts of Auckland (a synthetic pairing) on an event day",
-    place=Venue(crowd_source=_EVENT_DAY, crowding=120.0),
+    place=Venue(timezone=HELSINKI_TIMEZONE, crowd_source=_EVENT_DAY, crowding=120.0),
     horizon=3 * 3600.0,
     law="weidmann",
     level="map",

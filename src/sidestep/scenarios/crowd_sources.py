@@ -4,6 +4,7 @@ This is the one place that tells counters and tables apart.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -15,10 +16,12 @@ from jaxtyping import Float, Float32
 from scipy.linalg import block_diag
 
 from sidestep.crowds.base import FlowModel
-from sidestep.crowds.counts import CountTable, load_auckland, read_counts
+from sidestep.crowds.count_files import positions_path
+from sidestep.crowds.counts import AUCKLAND_SOURCE, CountTable, load_auckland, read_counts
 from sidestep.crowds.crowd_table import MOST_CELLS, load_crowd_table
 from sidestep.crowds.crowd_table import CrowdTable as TableData
 from sidestep.crowds.interpolation import interpolation_weights
+from sidestep.crowds.layouts import RECOGNISED, Layout
 from sidestep.crowds.profile import time_of_week
 from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_sensors, recorded_weeks
 from sidestep.crowds.sensors import SensorFlow
@@ -26,7 +29,8 @@ from sidestep.crowds.table_flow import TableFlow
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import Snapper
-from sidestep.network.town import Town
+from sidestep.network.town import Town, TownError
+from sidestep.scenarios.builtin import AUCKLAND_SENSORS
 from sidestep.scenarios.places import Counters, CrowdTable, Sensor, Venue
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import nearest, stations
@@ -41,10 +45,37 @@ Crowds = tuple[FlowModel, FlowModel, tuple[str, ...]]
 sensor behind each counter, as often as it stands on a street."""
 
 
-@cached_by_files(lambda counts: (counts,))
-def counts_of(counts: str) -> CountTable:
+@cached_by_files(lambda counts, *_: (counts, str(positions_path(Path(counts)))))
+def counts_of(counts: str, layout: Layout = RECOGNISED) -> CountTable:
     """The counts in a file, or Auckland's."""
-    return load_auckland() if counts == "auckland" else read_counts(counts)
+    return load_auckland() if counts == "auckland" else read_counts(counts, layout)
+
+
+def standing_sensors(table: CountTable, town: Town) -> tuple[Sensor, ...]:
+    """The sensors of a table that stand in a town, where the table knows it.
+
+    Parameters
+    ----------
+    table
+        Counts; of Auckland's, only sensors whose cameras were not exchanged are taken.
+    town
+        The streets.
+
+    Returns
+    -------
+    tuple[Sensor, ...]
+        With their places; none if their positions are not known.
+    """
+    if table.positions is None:
+        return ()
+    lasting = {sensor.name for sensor in AUCKLAND_SENSORS} if table.source == AUCKLAND_SOURCE else set(table.sensors)
+    found, snapper = [], Snapper(town)
+    for name, (latitude, longitude) in zip(table.sensors, table.positions.tolist(), strict=True):
+        if name in lasting:
+            with suppress(TownError):
+                snapper.nearest(latitude, longitude)
+                found.append(Sensor(name=name, place=(latitude, longitude)))
+    return tuple(found)
 
 
 def _table_of(file: str, town: Town) -> TableData:
@@ -107,7 +138,7 @@ def check_crowds(venue: Venue, snapper: Snapper, attempt: Callable[..., Any]) ->
     """
     match venue.crowd_source:
         case Counters() as source:
-            table = attempt(("crowd_source", "file"), counts_of, source.file)
+            table = attempt(("crowd_source", "file"), counts_of, source.file, venue.layout)
             if table is not None:
                 for name in ("fitted", "tested"):
                     attempt(("crowd_source", name), table.between, *getattr(source, name))
@@ -134,7 +165,7 @@ def _counted(venue: Venue, source: Counters, snapper: Snapper, network: RoadNetw
     ScenarioError
         More streets for each sensor than recorded weeks.
     """
-    table, streets = counts_of(source.file), source.streets_per_sensor
+    table, streets = counts_of(source.file, venue.layout), source.streets_per_sensor
     sensors = source.sensors or tuple(Sensor(name=name) for name in table.sensors)
     names = [sensor.name for sensor in sensors]
     model = fit_sensors(table.between(*source.fitted), names)

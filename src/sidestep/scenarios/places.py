@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from sidestep.crowds.counts import TEST, TRAIN
+from sidestep.crowds.layouts import Layout
 from sidestep.network.grid import LENGTHS
 from sidestep.scenarios import values
 from sidestep.scenarios.spec import Spec
@@ -107,12 +108,35 @@ class Sensor(Spec):
 _distinct_names = values.rule(lambda found: len({one.name for one in found}) == len(found), "must have different names")
 
 
+class CountColumns(Spec):
+    """Columns of a file of counts that are not recognised (:class:`sidestep.crowds.layouts.Layout`)."""
+
+    time: values.Remark = ""
+    """Dates with times; or ``date`` and ``hour``."""
+    date: values.Remark = ""
+    hour: values.Remark = ""
+    sensor: values.Remark = ""
+    """Names of sensors, in a table with a row for each sensor and time."""
+    count: tuple[values.Line, ...] = ()
+    """Counts; several columns are summed."""
+    direction: values.Remark = ""
+    """What tells a sensor's rows of one time apart; they are summed."""
+    ignore: tuple[values.Line, ...] = ()
+    """Columns without a meaning here."""
+
+
 class Counters(Spec):
     """Crowds known from counts at sensors (:class:`sidestep.crowds.sensors.SensorFlow`)."""
 
     kind: Literal["counters"] = "counters"
     file: values.Line = "auckland"
     """The counts that come with the package, or a file of them."""
+    columns: CountColumns = CountColumns()
+    """Columns of the file that are not recognised."""
+    date_format: values.Remark = ""
+    """``day-first``, ``month-first`` or a format such as ``%d/%m/%y %H:%M``; by default as the dates tell."""
+    decimal: Literal["", ".", ","] = ""
+    """Mark before decimals; by default as the numbers tell."""
     sensors: Annotated[tuple[Sensor, ...], _distinct_names] = ()
     """Those to use; by default all that were counted, without places."""
     pairing: values.Seed = 0
@@ -144,6 +168,11 @@ class Counters(Spec):
         "must not overlap fitted",
     )
 
+    def layout(self, timezone: str | None) -> Layout:
+        """What is said of the file, which is of a place in a timezone."""
+        columns = self.columns.model_dump()
+        return Layout(**columns, date_format=self.date_format, decimal=self.decimal, timezone=timezone)
+
     @property
     def attribution(self) -> str:
         """Whose counts they are."""
@@ -170,6 +199,10 @@ class CrowdTable(Spec):
     crowd_model: ClassVar[str] = "table"
     demand: ClassVar[str] = "the table"
     synthetic: ClassVar[str] = ""
+
+    def layout(self, timezone: str | None) -> Layout:
+        """What is said of files of counts, of which this is none."""
+        return Layout(timezone=timezone)
 
     @property
     def certain(self) -> bool:
@@ -239,6 +272,8 @@ class Venue(Spec):
     kind: Literal["venue"] = "venue"
     streets: values.Line = "helsinki"
     """The town that comes with the package, or a file of streets."""
+    timezone: values.Timezone | None = None
+    """What departures with a UTC offset are turned into, and whose clock changes counts have; None: not known."""
     crowd_source: Annotated[Counters | CrowdTable, Field(discriminator="kind")] = Counters()
     """What is known of the crowds."""
     crowding: values.Positive = 1.0
@@ -295,6 +330,11 @@ class Venue(Spec):
             "" if self.traffic is None else "offsets of traffic lights drawn from a seed",
         )
         return "; ".join(filter(None, said))
+
+    @property
+    def layout(self) -> Layout:
+        """What is said of the place's files of counts, current ones as well."""
+        return self.crowd_source.layout(self.timezone)
 
     @property
     def every_hour(self) -> list[int]:

@@ -18,9 +18,9 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, Valida
 from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.files import reason
 from sidestep.scenarios import values
-from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, scenario
+from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, HELSINKI_TIMEZONE, scenario
 from sidestep.scenarios.model import RewardSpec, Scenario, read_objective
-from sidestep.scenarios.places import Counters, CrowdTable, Light, Sensor, Traffic, Venue
+from sidestep.scenarios.places import CountColumns, Counters, CrowdTable, Light, Sensor, Traffic, Venue
 from sidestep.scenarios.spec import Fault, ScenarioError, faults, shown
 from sidestep.scenarios.toml_lines import line_of
 from sidestep.walking.speed_laws import Law
@@ -105,18 +105,28 @@ _SensorPlace = Annotated[values.Degrees | None, BeforeValidator(_paired)]
 _Period = Annotated[values.Period, BeforeValidator(_texts)]
 
 
+def _listed(value: object) -> object:
+    return (value,) if isinstance(value, str) else value
+
+
+_Names = Annotated[tuple[values.Line, ...], BeforeValidator(_listed)]
+
+
+class CountColumnsFile(CountColumns):
+    """``[place.crowd_source.columns]``; one name need not stand in a list."""
+
+    count: _Names = ()
+    ignore: _Names = ()
+
+
 class CountersFile(Counters):
     """``[place.crowd_source]``, where its kind is ``counters``."""
 
     file: Annotated[values.Line, AfterValidator(partial(_found, "auckland"))] = "auckland"
+    columns: CountColumnsFile = CountColumnsFile()
     sensors: Annotated[tuple[Sensor, ...], BeforeValidator(_sensors)] = ()
     fitted: _Period = TRAIN
     tested: _Period = TEST
-
-    @field_validator("sensors")
-    @classmethod
-    def _aucklands(cls, sensors: tuple[Sensor, ...], info: Any) -> tuple[Sensor, ...]:
-        return sensors or (AUCKLAND_SENSORS if info.data.get("file") == "auckland" else ())
 
 
 class CrowdTableFile(CrowdTable):
@@ -144,6 +154,11 @@ class VenueFile(Venue):
     )
     days: Annotated[values.Days, BeforeValidator(_weekdays)] = Field(tuple(range(7)), validate_default=False)
     traffic: TrafficFile | None = None
+
+    @field_validator("timezone")
+    @classmethod
+    def _helsinkis(cls, timezone: str | None, info: Any) -> str | None:
+        return HELSINKI_TIMEZONE if timezone is None and info.data.get("streets") == "helsinki" else timezone
 
 
 class RewardFile(RewardSpec):
@@ -242,7 +257,7 @@ def load_scenario(path: str | Path) -> Scenario:
         from sidestep.scenarios.maps import mistakes  # with shapely, which wrong values need not wait for
 
         if not (found := mistakes(read.place)):
-            return Scenario.model_validate(read.model_dump() | {"name": read.name or name})
+            return _with_sensors(Scenario.model_validate(read.model_dump() | {"name": read.name or name}))
     except ValidationError as error:
         found = faults(error, ScenarioFile)
     first, *others = sorted((_located(path, text, fault) for fault in found), key=lambda error: error.line or 0)
@@ -250,6 +265,30 @@ def load_scenario(path: str | Path) -> Scenario:
     refusal = ScenarioError(f"{first}{more}", field=first.field, line=first.line)
     refusal.others = tuple(others)
     raise refusal
+
+
+def _with_sensors(found: Scenario) -> Scenario:
+    """Name the sensors that are meant where none are named.
+
+    Those that are known to stand in this town stand there. Where there are none, or sensors are to stand on several
+    streets, all are paired; of Auckland's, those whose cameras were not exchanged.
+
+    Returns
+    -------
+    Scenario
+        The same otherwise.
+    """
+    match found.place:
+        case Venue(crowd_source=Counters(sensors=()) as source) as venue:
+            from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
+            from sidestep.scenarios.maps import town_of
+
+            sensors = AUCKLAND_SENSORS if source.file == "auckland" else ()
+            if source.streets_per_sensor == 1:
+                sensors = standing_sensors(counts_of(source.file, venue.layout), town_of(venue.streets)) or sensors
+            return found.changed(sensors=sensors)
+        case _:
+            return found
 
 
 def _text(path: Path) -> str:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator
 
+from sidestep.crowds.wall_time import TimezoneError, timezone_of
 from sidestep.scenarios.spec import shown
 
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
@@ -75,6 +76,13 @@ def _hour(text: str) -> str:
     return time.isoformat(timespec="hours") if time.hour else time.date().isoformat()
 
 
+def _timezone(name: str) -> str:
+    try:
+        return timezone_of(name).key
+    except TimezoneError as error:
+        raise ValueError(str(error).removeprefix("timezone ")) from error
+
+
 def _sort_of_waypoint(value: object) -> str | None:
     return "degrees" if isinstance(value, tuple | list) else "crossing" if isinstance(value, int) else None
 
@@ -93,6 +101,8 @@ PositiveRange = Annotated[tuple[Positive, Positive], _in_order]
 Range = Annotated[tuple[NonNegative, NonNegative], _in_order]
 Remark = Annotated[str, rule(str.isprintable, "must be one line of printable text")]
 Line = Annotated[Remark, Field(pattern=r"\S")]
+Timezone = Annotated[str, AfterValidator(_timezone)]
+"""IANA name, such as Europe/Helsinki."""
 Days = Annotated[tuple[Annotated[int, Field(ge=0, le=6)], ...], Field(min_length=1), distinct]
 """Of the week; 0 is Monday."""
 Hour = Annotated[int, Field(ge=0, le=24)]
