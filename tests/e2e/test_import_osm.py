@@ -40,11 +40,13 @@ def test_an_extract_becomes_a_town(import_osm, tmp_path) -> None:
 
 
 def test_people_are_told_what_was_dropped(import_osm, tmp_path) -> None:
-    done = import_osm("town.osm", "--out", "town.graphml", "--merge", 0)
+    mine = "© The town, CC BY 4.0"
+    done = import_osm("town.osm", "--out", "town.graphml", "--merge", 0, "--attribution", mine)
     assert done.returncode == 0, done.stderr
-    for said in ("3 of 4 highways", "not a walkable kind", "town.graphml", "OpenStreetMap contributors"):
+    for said in ("3 of 4 highways", "not a walkable kind", "town.graphml", mine):
         assert said in done.stdout
-    assert load_town(tmp_path / "town.graphml").streets == 5
+    town = load_town(tmp_path / "town.graphml")
+    assert (town.streets, town.attribution) == (5, mine)
 
 
 def test_a_damaged_file_is_one_sentence(import_osm, tmp_path) -> None:
@@ -67,6 +69,7 @@ def test_a_damaged_file_is_one_sentence(import_osm, tmp_path) -> None:
         (("town.osm", "--out", "town.npz", "--width", "alley=2"), "alley"),
         (("town.osm", "--out", "town.npz", "--width", "footway"), "KIND=METRES"),
         (("town.osm", "--out", "town.npz", "--width", "footway=-1"), "0.3 to 100"),
+        (("town.osm", "--out", "town.npz", "--attribution", " "), "attribution"),
         (("town.osm", "--out", "town.osm/town.npz"), "cannot write"),
     ],
 )

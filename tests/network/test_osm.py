@@ -12,8 +12,8 @@ import numpy as np
 import osmium
 import pytest
 
+from sidestep.network.measures import WidthError
 from sidestep.network.osm import OsmError, import_osm
-from sidestep.network.tags import WidthError
 from sidestep.network.town import Town
 
 FOOT = {"highway": "footway"}

@@ -1,4 +1,4 @@
-"""Tags: what is walked, in which direction, and how wide it is."""
+"""Tags: what is walked, in which direction, and by whom."""
 
 import pytest
 
@@ -6,13 +6,9 @@ from sidestep.network.tags import (
     FULL_WIDTH,
     WIDTHS,
     CrossingKind,
-    WidthError,
     crossing_kind,
-    direction,
+    directions,
     exclusion_reason,
-    parse_width,
-    walkable_width,
-    width_table,
 )
 
 
@@ -54,8 +50,7 @@ def test_ways_that_are_walked(said: str) -> None:
         ("highway=motorway", "not a walkable kind"),
         ("highway=construction", "not a walkable kind"),
         ("highway=proposed", "not a walkable kind"),
-        ("highway=platform", "not a walkable kind"),
-        ("highway=elevator", "not a walkable kind"),
+        ("highway=ferry", "ferry"),
         ("highway=motorway foot=yes", "not a walkable kind"),
         ("highway=cycleway", "not tagged as walkable"),
         ("highway=cycleway foot=no", "no access"),
@@ -100,81 +95,7 @@ def test_ways_that_are_not_walked(said: str, why: str) -> None:
     ],
 )
 def test_directions(said: str, way: int) -> None:
-    assert direction(tags(said)) == way
-
-
-@pytest.mark.parametrize(
-    ("text", "metres"),
-    [
-        ("3", 3),
-        ("3.5 m", 3.5),
-        ("3,5", 3.5),
-        (" 2.50 ", 2.5),
-        ("4 metres", 4),
-        ("12'", 3.6576),
-        ("10 ft", 3.048),
-        ("6'6\"", 1.9812),
-        ("100", 100),
-        ("0.3", 0.3),
-    ],
-)
-def test_widths_that_make_sense(text: str, metres: float) -> None:
-    assert parse_width(text) == pytest.approx(metres)
-
-
-@pytest.mark.parametrize(
-    "text", ["", "wide", "-2", "0", "0.1", "101", "1e9", "3;4", "3-4", "nan", "inf", "2 km", '3 m 6"', "9" * 500, "٣"]
-)
-def test_widths_that_make_none(text: str) -> None:
-    assert parse_width(text) is None
-
-
-@pytest.mark.parametrize(
-    ("said", "metres", "ignored"),
-    [
-        ("highway=footway", 2, False),
-        ("highway=footway width=3.5", 3.5, False),
-        ("highway=footway est_width=4", 4, False),
-        ("highway=footway width=3 est_width=4", 3, False),
-        ("highway=footway width=wide", 2, True),
-        ("highway=footway width=wide est_width=4", 4, True),
-        ("highway=residential", 4, False),
-        ("highway=residential width=8", 4, False),  # the carriageway's
-        ("highway=residential sidewalk=left", 2, False),
-        ("highway=residential sidewalk=no", 2, False),  # along one side of the road itself
-        ("highway=residential sidewalk:width=1.5", 3, False),
-        ("highway=residential sidewalk=right sidewalk:width=1.5", 1.5, False),
-        ("highway=residential sidewalk:both:width=2.5", 5, False),
-        ("highway=residential sidewalk:left:width=1 sidewalk:right:width=2.5", 3.5, False),
-        ("highway=residential sidewalk:left:width=1", 3, False),  # the right from the table: 4 / 2
-        ("highway=residential sidewalk:width=broad", 4, True),
-        ("highway=secondary sidewalk:left=separate sidewalk:right=yes", 2.5, False),
-    ],
-)
-def test_walkable_widths(said: str, metres: float, *, ignored: bool) -> None:
-    assert walkable_width(tags(said)) == (pytest.approx(metres), ignored)
-
-
-def test_widths_may_be_chosen() -> None:
-    table = width_table({"footway": 2.5})
-    assert walkable_width({"highway": "footway"}, table) == (2.5, False)
-    assert walkable_width({"highway": "path"}, table) == (WIDTHS["path"], False)
-    assert width_table(None) == dict(WIDTHS)
-
-
-@pytest.mark.parametrize(
-    ("changes", "field"),
-    [
-        ({"alley": 2}, "widths"),
-        ({"path": 0}, "widths.path"),
-        ({"path": float("nan")}, "widths.path"),
-        ({"steps": 1e3}, "widths.steps"),
-    ],
-)
-def test_invalid_widths(changes, field: str) -> None:
-    with pytest.raises(WidthError) as caught:
-        width_table(changes)
-    assert caught.value.field == field
+    assert [walked for walked, _ in directions(tags(said))] == [way]
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def check_sound(town: Town) -> None:
     assert (town.width > 0).all()
     assert (town.signals >= 0).all()
     along = course_lengths(town.points, town.first)
-    np.testing.assert_allclose(town.length, along, rtol=1e-5)
+    np.testing.assert_allclose(town.length, along, rtol=1e-5, atol=0.1)  # lifts have no course
     straight = metres_between(town.place[town.tail], town.place[town.head])
     assert (along >= straight * (1 - 1e-9)).all()
     np.testing.assert_array_equal(town.points[town.first[:-1]], town.place[town.tail])

@@ -163,6 +163,7 @@ def import_osm(
     out: Path,
     merge: float = 8.0,
     width: Annotated[list[str] | None, Parameter(negative=())] = None,
+    attribution: str = "© OpenStreetMap contributors, ODbL 1.0",
     as_json: options.Json = False,
 ) -> None:
     """Turn an OpenStreetMap extract into streets for walkers, and report what was kept, dropped and repaired.
@@ -177,6 +178,8 @@ def import_osm(
         Metres: crossings joined by a shorter street become one.
     width
         KIND=METRES available to walkers where no tag gives a width; repeatable.
+    attribution
+        Whose the streets are, and under which licence; whatever is made of them says so.
     """
     from sidestep.files import output_folder
     from sidestep.network.formats import check_suffix, save_town
@@ -185,7 +188,7 @@ def import_osm(
     check_suffix(out)
     widths = dict(_width(option) for option in width or [])
     output_folder(out.parent)
-    town, report = read(file, merge=merge, widths=widths)
+    town, report = read(file, merge=merge, widths=widths, attribution=attribution)
     save_town(town, out)
     if as_json:
         print_json(report, out)
@@ -274,16 +277,18 @@ def print_json(report: "ImportReport | TableReport | CountReport", out: Path) ->
 
 def show_import(report: "ImportReport") -> None:
     """Print what an import of streets kept, dropped and repaired."""
-    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways are walkable")
+    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways, platforms, piers and ferries are walked")
     sizes = [
         ("before merging", report.nodes_before, report.streets_before, report.kilometres_before),
         ("kept", report.nodes, report.streets, report.kilometres),
     ]
     rows = [(what, f"{nodes:,}", f"{streets:,}", f"{kilometres:,.1f}") for what, nodes, streets, kilometres in sizes]
     print_table((), ("", ">crossings", ">streets", ">km"), rows)
-    for title, numbers in (("dropped", report.dropped), ("repaired", report.repaired)):
+    for title, numbers in (("dropped", report.dropped), ("limited", report.limited), ("repaired", report.repaired)):
         if numbers:
             print_table((), (title, ">number"), [(what, f"{number:,}") for what, number in numbers.items()])
+    if report.parts_left_out:
+        print(f"Connected parts left out: {report.parts_left_out:,}")
     print(f"Streets at the busiest crossing: {report.most_exits}")
 
 

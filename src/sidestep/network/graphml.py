@@ -10,7 +10,8 @@ import shapely
 from jaxtyping import Float, Float64
 
 from sidestep.network.geodesy import course_lengths
-from sidestep.network.tags import FULL_WIDTH, UNKNOWN_WIDTH, WIDTHS, parse_width
+from sidestep.network.measures import parse_width
+from sidestep.network.tags import FULL_WIDTH, UNKNOWN_WIDTH, WIDTHS
 from sidestep.network.town import ATTRIBUTION, MOST_CROSSINGS, SAME_DEGREES, USUAL, Town, TownError
 
 _PAIRED = 1.0  # m that a street's length may differ from there to back, where osmnx has rounded or joined

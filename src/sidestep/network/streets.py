@@ -1,25 +1,57 @@
-"""Streets and nodes while they are imported, as columns of tables; the streets that form one connected town."""
+"""Streets and nodes while they are imported, as columns of tables."""
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int8, Int64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from sidestep.network.geodesy import course_lengths
 from sidestep.network.tags import SPECIAL, WIDTHS
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """The nodes along walkable ways, in the order of their numbers."""
+    """The nodes along walkable ways, in the order of their numbers; after them invented ones, if any."""
 
     ids: Int64[np.ndarray, " node"]
-    """OpenStreetMap's numbers, ascending."""
+    """OpenStreetMap's numbers, ascending; invented ones are negative and lower than all others."""
     place: Float64[np.ndarray, "node 2"]
     """Longitude and latitude in degrees; NaN where the file lacks the node."""
     kind: Int8[np.ndarray, " node"]
     """See `sidestep.network.tags.CrossingKind`."""
+
+    def indices(self, numbers: Collection[int]) -> Int64[np.ndarray, " number"]:
+        """Find nodes by their numbers, before any are invented.
+
+        Parameters
+        ----------
+        numbers
+            Numbers of nodes that are among these.
+
+        Returns
+        -------
+        Int64[np.ndarray, " number"]
+            Their indices, in the order given.
+        """
+        return np.searchsorted(self.ids, np.array(list(numbers), np.int64))
+
+    def copied(self, which: Int[np.ndarray, " copy"]) -> "Nodes":
+        """Add nodes with invented numbers.
+
+        Parameters
+        ----------
+        which
+            The node in whose place each new one stands.
+
+        Returns
+        -------
+        Nodes
+            These and, at the end, the new ones, which are no crossings.
+        """
+        invented = min(int(self.ids.min(initial=0)), 0) - 1 - np.arange(len(which))
+        place = np.concatenate([self.place, self.place[which]])
+        return Nodes(np.append(self.ids, invented), place, np.append(self.kind, np.zeros(len(which), np.int8)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +110,64 @@ class Streets:
         return Streets(**columns, points=self.points[order], first=first)
 
 
+def straight_streets(
+    ends: Int[np.ndarray, "street 2"], place: Float64[np.ndarray, "node 2"], kind: int, width: float
+) -> Streets:
+    """Make straight streets without names, walked both ways by everybody at all times.
+
+    Parameters
+    ----------
+    ends
+        Nodes that each street joins.
+    place
+        Longitude and latitude of all nodes.
+    kind
+        Code of their kind.
+    width
+        Metres available to walkers.
+
+    Returns
+    -------
+    Streets
+        One street for each pair of ends.
+    """
+    points, many = place[ends.ravel()], len(ends)
+    first = np.arange(0, 2 * many + 1, 2)
+    return Streets(
+        ends=ends,
+        one_way=np.zeros(many, bool),
+        length=course_lengths(points, first),
+        width=np.full(many, width),
+        kind=np.full(many, kind),
+        name=np.zeros(many, np.int64),
+        traffic=np.zeros((many, 2), np.int64),
+        opening=np.zeros(many, np.int64),
+        restricted=np.zeros(many, bool),
+        incline=np.full(many, np.nan),
+        kerb=np.zeros(many),
+        points=points,
+        first=first,
+    )
+
+
+def join_streets(parts: Sequence[Streets]) -> Streets:
+    """Put tables of streets one after another.
+
+    Parameters
+    ----------
+    parts
+        Streets between the same nodes.
+
+    Returns
+    -------
+    Streets
+        All of them.
+    """
+    columns = {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Streets)}
+    counts = np.concatenate([np.diff(part.first) for part in parts])
+    return Streets(**{**columns, "first": np.append(0, np.cumsum(counts))})
+
+
 def ranges(
     start: Int[np.ndarray, " range"], count: Int[np.ndarray, " range"], step: Int[np.ndarray, " range"] | int = 1
 ) -> tuple[Int[np.ndarray, " number"], Int64[np.ndarray, " border"]]:
@@ -96,23 +186,3 @@ def ranges(
     first = np.concatenate([[0], np.cumsum(count, dtype=np.int64)]).astype(np.int64)
     within = np.arange(first[-1]) - np.repeat(first[:-1], count)
     return np.repeat(start, count) + within * np.repeat(np.broadcast_to(step, len(count)), count), first
-
-
-def largest_component(streets: Streets) -> Bool[np.ndarray, " street"]:
-    """Find the largest part of a town in which every node can be reached from every other.
-
-    Parameters
-    ----------
-    streets
-        At least one.
-
-    Returns
-    -------
-    Bool[np.ndarray, " street"]
-        Whether each street is in the strongly connected component with the most nodes.
-    """
-    nodes = int(streets.ends.max()) + 1
-    tail, head = np.concatenate([streets.ends, streets.ends[~streets.one_way, ::-1]]).T
-    links = coo_array((np.ones(len(tail), np.int32), (tail, head)), shape=(nodes, nodes))
-    _, component = connected_components(links, connection="strong")
-    return (component[streets.ends] == np.bincount(component).argmax()).all(axis=1)

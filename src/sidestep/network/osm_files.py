@@ -1,0 +1,135 @@
+"""Which OpenStreetMap files are read, and what the reader does not know of XML: editors' deletes, and members' courses.
+
+Editors mark what is to be deleted by ``action='delete'``, and Overpass (``out geom``) puts the course of each member
+into its relation. Files with either are rewritten for the reader, in memory; others are only looked through.
+"""
+
+import bz2
+import gzip
+import re
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from sidestep.errors import SidestepError
+from sidestep.files import LARGEST
+
+FORMATS = {".osm": "osm", ".osm.gz": "osm.gz", ".osm.bz2": "osm.bz2", ".osm.pbf": "pbf", ".pbf": "pbf"}
+"""The reader's name of the format that each ending of a file name stands for."""
+
+_CHANGES = "which says what changed and not what there is; apply it to an extract first, as osmium apply-changes does"
+_NO_EXTRACTS = {
+    b"osmChange": f"it is a change file (osmChange), {_CHANGES}",
+    b"osmAugmentedDiff": f"it is an augmented diff, {_CHANGES}",
+    b"gpx": "it is GPX, which holds tracks and no streets",
+    b"kml": "it is KML and not OpenStreetMap's XML",
+    b"html": "it is a web page and not OpenStreetMap's XML",
+    b"graphml": "it is GraphML; name it .graphml and load it as it is",
+}
+_ROOT = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:(?:<\?.*?\?>|<!--.*?-->|<![^>]*>)\s*)*<([A-Za-z]+)", re.DOTALL)
+_ATTRIBUTES = rb"""((?:[^<>"'/]|"[^"]*"|'[^']*'|/(?!>))*)"""
+_DELETED = re.compile(rb"\baction\s*=\s*([\"'])delete\1")
+_VISIBLE = re.compile(rb"\bvisible\s*=\s*(?:\"[^\"]*\"|'[^']*')")
+_THING = re.compile(rb"<(node|way|relation)\b" + _ATTRIBUTES)
+_MEMBER = re.compile(rb"<member\b" + _ATTRIBUTES + rb">(.*?)</member\s*>", re.DOTALL)
+_UNKNOWN = re.compile(rb"\baction\s*=\s*[\"']delete|</member\b|<action\b")
+_PIECE = 2**22  # bytes looked through at once
+_OVERLAP = 2**12  # bytes; longer than any element's beginning
+
+
+class OsmError(SidestepError):
+    """An unusable OpenStreetMap file or import option; ``line`` is known for damaged XML, ``field`` for options."""
+
+
+def file_format(path: Path) -> str:
+    """Tell the format of a file by its name.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    str
+        The reader's name of the format.
+
+    Raises
+    ------
+    OsmError
+        Another ending.
+    """
+    name = path.name.lower()
+    if name.endswith((".osc", ".osc.gz", ".osc.bz2")):
+        raise OsmError(f"{path}: {_NO_EXTRACTS[b'osmChange']}")
+    formats = [found for suffix, found in FORMATS.items() if name.endswith(suffix)]
+    if not formats:
+        raise OsmError(f"{path} is not named like an OpenStreetMap file; its name must end in {', '.join(FORMATS)}")
+    return formats[0]
+
+
+def rewritten_xml(path: Path) -> bytes | None:
+    """Look through an XML file, and rewrite what the reader does not know.
+
+    Lines keep their numbers.
+
+    Parameters
+    ----------
+    path
+        The file, packed or not.
+
+    Returns
+    -------
+    bytes or None
+        XML for the reader; None for a file that it can read, or that is damaged.
+
+    Raises
+    ------
+    OsmError
+        A file of something else, such as changes; one to be rewritten that would fill the memory.
+    """
+    unknown, end = False, b""
+    try:
+        for number, piece in enumerate(_pieces(path)):
+            root = _ROOT.match(piece) if number == 0 else None
+            if root and root[1] in _NO_EXTRACTS:
+                raise OsmError(_NO_EXTRACTS[root[1]])
+            both, end = end + piece, piece[-_OVERLAP:]
+            found = _UNKNOWN.search(both) if b"action" in both or b"</member" in both else None
+            if found and found[0] == b"<action":
+                raise OsmError(_NO_EXTRACTS[b"osmAugmentedDiff"])
+            if found:
+                unknown = True
+                break
+        return _rewritten(path) if unknown else None
+    except (OSError, EOFError, zlib.error):
+        return None  # the reader says what is wrong
+
+
+def _pieces(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        begins = file.read(2)
+    unpackers: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZ": bz2.open}
+    unpack = unpackers.get(begins, Path.open)
+    with unpack(path, "rb") as stream:
+        while piece := stream.read(_PIECE):
+            yield piece
+
+
+def _rewritten(path: Path) -> bytes:
+    parts, size = [], 0
+    for piece in _pieces(path):
+        parts.append(piece)
+        size += len(piece)
+        if size > LARGEST:
+            raise OsmError(f"it is edited XML of more than {LARGEST >> 30} GiB; convert it to .osm.pbf first")
+    plain = _MEMBER.sub(lambda member: b"<member" + member[1] + b"/>" + b"\n" * member[2].count(b"\n"), b"".join(parts))
+    return _THING.sub(_deleted, plain)
+
+
+def _deleted(thing: re.Match[bytes]) -> bytes:
+    if _DELETED.search(thing[2]) is None:
+        return thing[0]
+    kept = _VISIBLE.sub(b"", _DELETED.sub(b"", thing[2]))
+    return b"<" + thing[1] + b' visible="false"' + kept

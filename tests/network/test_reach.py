@@ -1,0 +1,360 @@
+"""Streets as people map them, on a grid of footways with one more way across: how far it is from corner to corner."""
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import csgraph_from_dense, dijkstra
+
+from sidestep.network.opening_hours import open_minutes
+from sidestep.network.osm import ImportReport
+from sidestep.network.town import Town
+
+SIDE = 120.0  # m
+ACROSS, AROUND = 170, 240  # m from 1005 to 1010: by the way across a block, and round it
+DAY, NIGHT = 12 * 60, 23 * 60 + 30
+"""Minutes of Monday."""
+
+
+def grid_nodes(middle: dict[str, str] | None = None) -> dict:
+    """4 × 4 crossings, and the middle of the way across, which has tags."""
+    nodes = {1000 + x + 4 * y: (SIDE * x, SIDE * y) for x in range(4) for y in range(4)}
+    return {**nodes, 1016: (1.5 * SIDE, 1.5 * SIDE, middle or {})}
+
+
+def grid_ways(across: dict[str, str], refs: tuple[int, ...] = (1005, 1016, 1010)) -> dict:
+    rows = {1 + y: (tuple(1000 + x + 4 * y for x in range(4)), {"highway": "footway"}) for y in range(4)}
+    columns = {5 + x: (tuple(1000 + x + 4 * y for y in range(4)), {"highway": "footway"}) for x in range(4)}
+    return {**rows, **columns, 9: (refs, {"name": "Test", **across})}
+
+
+def metres(town: Town, minute: int = DAY, *, one: int = 1005, other: int = 1010, through: bool = True) -> float:
+    """Walk from one crossing to another along streets that are open at a minute of the week, restricted ones or not."""
+    opens = {text: open_minutes(text) for text in set(town.opening)}
+    usable = np.array([opens[text][minute] for text in town.opening]) & (through | ~town.restricted)
+    street, backwards = town.street_of_segment()
+    kept = usable[street]
+    tail = np.where(backwards, town.head[street], town.tail[street])[kept]
+    head = np.where(backwards, town.tail[street], town.head[street])[kept]
+    links = np.full((town.nodes,) * 2, np.inf)
+    np.minimum.at(links, (tail, head), town.length[street][kept])
+    begin, end = (int(np.flatnonzero(town.ids == number)[0]) for number in (one, other))
+    return round(float(dijkstra(csgraph_from_dense(links, null_value=np.inf), indices=begin)[end]))
+
+
+@pytest.fixture
+def across(build):
+    """Import the grid with the tags of the way across a block, and of the node in its middle."""
+
+    def make(way: dict[str, str] | None = None, middle: dict[str, str] | None = None) -> tuple[Town, ImportReport]:
+        return build(grid_nodes(middle), grid_ways({"highway": "footway"} if way is None else way))
+
+    return make
+
+
+def said(text: str) -> dict[str, str]:
+    return dict(pair.split("=", 1) for pair in text.split(" | "))
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        "highway=footway",
+        "highway=primary",
+        "highway=primary | motorroad=yes | foot=yes",
+        "highway=track | access=agricultural | foot=permissive",
+        "highway=footway | access=unheard-of",
+        "highway=footway | access=agricultural;forestry;yes",
+        "highway=elevator | level=0;1",
+        "highway=platform",
+        "railway=platform",
+        "public_transport=platform",
+        "man_made=pier",
+        "highway=footway | access:conditional=no @ (22:00-06:00) | foot=yes",  # foot outranks
+        "highway=footway | foot:conditional=no @ (wet)",
+        "highway=footway | opening_hours=sunrise-sunset",
+        "highway=pedestrian | amenity=marketplace | opening_hours=Sa 08:00-13:00",
+    ],
+)
+def test_ways_that_are_walked(across, way: str) -> None:
+    town, _ = across(said(way))
+    assert metres(town) == metres(town, NIGHT) == metres(town, through=False) == ACROSS
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        "highway=primary | motorroad=yes",
+        "highway=footway | foot=use_sidepath",
+        *(f"highway=track | access={value}" for value in ("no", "private", "agricultural", "forestry", "military")),
+        *(f"highway=service | access={value}" for value in ("delivery", "employees", "permit", "emergency")),
+        "highway=service | access=agricultural;forestry",
+        "highway=footway | access=yes | foot=no",
+        "highway=footway | access=no | foot:conditional=yes @ (sunrise-sunset)",
+        "highway=footway | foot:forward=no | foot:backward=no",
+        "highway=footway | oneway:foot=yes | foot:forward=no",
+        "highway=footway | opening_hours=off",
+        "route=ferry | foot=yes",
+        "railway=tram",
+    ],
+)
+def test_ways_that_are_not_walked(across, way: str) -> None:
+    town, _ = across(said(way))
+    assert metres(town) == AROUND
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        "highway=footway | access=customers",
+        "highway=footway | access=destination",
+        "highway=service | access=no | foot=destination",
+        "highway=cycleway | foot=destination",
+        "highway=service | access=delivery;destination",
+    ],
+)
+def test_ways_for_destinations_only(across, way: str) -> None:
+    town, report = across(said(way))
+    assert (metres(town), metres(town, through=False)) == (ACROSS, AROUND)
+    assert report.limited == {"way: for destinations only": 1}
+    assert town.restricted.sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("way", "opening"),
+    [
+        ("highway=footway | foot:conditional=no @ (22:00-06:00)", "06:00-22:00"),
+        ("highway=footway | access=no | foot:conditional=yes @ (06:00-22:00)", "06:00-22:00"),
+        ("highway=footway | access:conditional=private @ (22:00-06:00)", "06:00-22:00"),
+        ("highway=footway | opening_hours=Mo-Fr 06:00-22:00; PH off", "Mo-Fr 06:00-22:00"),
+        ("highway=cycleway | foot:conditional=yes @ (06:00-22:00) | access=no", "06:00-22:00"),
+        (
+            "highway=footway | opening_hours=06:00-22:00 | foot:conditional=no @ (08:00-09:00)",
+            "06:00-08:00,09:00-22:00",
+        ),
+        (
+            "highway=footway | foot:conditional=no @ (22:00-06:00); yes @ (Sa 22:00-24:00)",
+            "Mo-Fr,Su 06:00-22:00; Sa 06:00-24:00",
+        ),
+        ("highway=footway | access=destination | foot:conditional=yes @ (06:00-22:00)", "06:00-22:00"),
+    ],
+)
+def test_ways_with_opening_times(across, way: str, opening: str) -> None:
+    town, report = across(said(way))
+    assert (metres(town, DAY), metres(town, NIGHT)) == (ACROSS, AROUND)
+    assert report.limited == {"way: opening times": 1}
+    assert set(town.opening) == {"", opening}
+
+
+@pytest.mark.parametrize(
+    ("way", "there", "back"),
+    [
+        ("foot:backward=no", ACROSS, AROUND),
+        ("foot:forward=private", AROUND, ACROSS),
+        ("access:backward=no", ACROSS, AROUND),
+        ("access=no | foot:forward=yes", ACROSS, AROUND),
+        ("foot:backward:conditional=no @ (10:00-14:00)", ACROSS, AROUND),
+        ("foot:forward:conditional=no @ (22:00-06:00) | foot:backward=no", ACROSS, AROUND),
+        ("oneway:foot=-1", AROUND, ACROSS),
+    ],
+)
+def test_directions_of_ways(across, way: str, there: int, back: int) -> None:
+    town, _ = across({"highway": "path", **said(way)})
+    assert (metres(town), metres(town, one=1010, other=1005)) == (there, back)
+
+
+def test_ways_with_opening_times_in_one_direction_are_not_cut_at_every_node(build) -> None:
+    refs = (1005, *range(1020, 1030), 1010)
+    nodes = grid_nodes() | {1020 + i: (SIDE + 10 * i + 10, SIDE + 10 * i + 10) for i in range(10)}
+    town, _ = build(nodes, grid_ways({"highway": "path", "foot:forward:conditional": "no @ (22:00-06:00)"}, refs))
+    assert (metres(town), metres(town, NIGHT)) == (ACROSS, AROUND)
+    assert metres(town, NIGHT, one=1010, other=1005) == ACROSS
+    assert sorted(zip(town.opening, town.one_way.tolist(), strict=True))[-2:] == [("", True), ("06:00-22:00", True)]
+
+
+@pytest.mark.parametrize(
+    "middle",
+    [
+        "barrier=gate | access=private | locked=yes",
+        "barrier=gate | access=private",
+        "barrier=gate | locked=yes",
+        "barrier=gate | access=yes | locked=yes",
+        "barrier=gate | foot=no | access=yes",
+        "barrier=lift_gate | access=agricultural",
+        "barrier=bollard | foot=private",
+        "barrier=gate | opening_hours=off",
+        "entrance=service | access=private",
+        "entrance=yes | access=no",
+        "entrance=emergency",
+        "door=hinged | access=private",
+        "highway=elevator | access=private",
+        *(f"barrier={kind}" for kind in ("wall", "fence", "hedge", "retaining_wall", "city_wall")),
+    ],
+)
+def test_nodes_that_are_closed(across, middle: str) -> None:
+    town, report = across(middle=said(middle))
+    assert metres(town) == AROUND
+    assert report.limited == {"node: closed": 1}
+    # Each end has a node of its own, where one may walk to: 85 m from either side.
+    invented = [number for number in town.ids.tolist() if number < 0]
+    assert len(set(town.ids.tolist())) == town.nodes
+    assert [metres(town, one=1005, other=number) for number in sorted(invented, reverse=True)] == [85, AROUND + 85]
+
+
+@pytest.mark.parametrize(
+    "middle",
+    [
+        "barrier=gate",
+        "barrier=bollard",
+        "barrier=kissing_gate",
+        "barrier=stile",
+        "barrier=unheard-of",
+        "barrier=no | access=no",
+        "barrier=gate | access=private | foot=yes",
+        "barrier=gate | locked=yes | foot=designated",
+        "barrier=wall | foot=permissive",
+        "barrier=fence | gate=yes",
+        "barrier=fence;gate",
+        "barrier=hedge | entrance=yes",
+        "barrier=gate | access=permissive",
+        "barrier=gate | motor_vehicle=no",
+        "barrier=gate | opening_hours=sunrise-sunset",
+        "entrance=main",
+        "highway=crossing | foot=no",  # about crossing the carriageway
+        "amenity=parking_entrance | access=private",
+    ],
+)
+def test_nodes_that_are_open(across, middle: str) -> None:
+    town, report = across(middle=said(middle))
+    assert metres(town) == metres(town, NIGHT) == metres(town, through=False) == ACROSS
+    assert report.limited == {}
+
+
+@pytest.mark.parametrize(
+    "middle",
+    [
+        "barrier=gate | opening_hours=06:00-22:00",
+        "barrier=gate | access=private | opening_hours=06:00-22:00 | foot=yes",
+        "barrier=gate | access=no | foot:conditional=yes @ (06:00-22:00)",
+        "barrier=gate | locked=yes | access:conditional=no @ (22:00-06:00)",
+        "barrier=wall | foot:conditional=yes @ (06:00-22:00)",
+        "entrance=yes | foot:conditional=no @ (22:00-06:00)",
+    ],
+)
+def test_nodes_with_opening_times(across, middle: str) -> None:
+    town, report = across(middle=said(middle))
+    assert (metres(town, DAY), metres(town, NIGHT)) == (ACROSS, AROUND)
+    assert report.limited == {"node: opening times": 1}
+    assert set(town.opening) == {"", "06:00-22:00"}
+
+
+def test_opening_times_are_those_of_the_parts_next_to_the_gate(build) -> None:
+    gate = said("barrier=gate | opening_hours=06:00-22:00")
+    nodes = {
+        1: (0, 0),
+        2: (100, 0),
+        3: (110, 0, gate),
+        4: (130, 0),
+        5: (300, 0),
+        6: (110, 50),
+        7: (110, 90),
+        8: (0, 400),
+    }
+    foot = {"highway": "footway"}
+    town, _ = build(nodes, {1: ((1, 2, 3, 4, 5), foot), 2: ((3, 6, 7), foot), 3: ((7, 8, 1), foot), 4: ((8, 5), foot)})
+    timed = [row for row, text in zip(_rows(town), town.opening, strict=True) if text]
+    assert sorted(timed) == [(2, 3, 10), (3, 4, 20), (3, 6, 50)]  # of every way that meets there
+
+
+def _rows(town: Town) -> list[tuple[int, int, int]]:
+    ends = np.sort(town.ids[np.stack([town.tail, town.head], axis=1)], axis=1).tolist()
+    return [(*pair, round(float(length))) for pair, length in zip(ends, town.length, strict=True)]
+
+
+def test_a_gate_that_is_never_open_when_the_way_is_closes_it(across) -> None:
+    way = said("highway=footway | foot:conditional=no @ (12:00-24:00)")
+    town, report = across(way, said("barrier=gate | opening_hours=12:00-24:00"))
+    assert metres(town) == AROUND
+    assert report.dropped["street: never open"] == 2
+
+
+def test_a_gate_for_customers_restricts_the_parts_next_to_it(across) -> None:
+    town, report = across(middle=said("barrier=gate | access=customers"))
+    assert (metres(town), metres(town, through=False)) == (ACROSS, AROUND)
+    assert report.limited == {"node: for destinations only": 1}
+
+
+def test_every_way_is_cut_at_a_closed_node_where_several_meet(build) -> None:
+    nodes, ways = grid_nodes(said("barrier=gate | access=private")), grid_ways({"highway": "footway"})
+    town, _ = build(nodes, {**ways, 10: ((1006, 1016, 1009), {"highway": "path"})})
+    assert metres(town) == metres(town, one=1006, other=1009) == AROUND
+    assert sum(number < 0 for number in town.ids.tolist()) == 4
+
+
+def test_invented_numbers_are_none_of_the_files(build) -> None:
+    nodes = {1: (0, 0), -1: (100, 0, said("barrier=wall")), -2: (200, 0), 4: (0, 100)}
+    ways = {1: ((1, -1, -2), {"highway": "path"}), 2: ((1, 4, -2), {"highway": "path"})}
+    town, _ = build(nodes, ways)
+    assert sorted(town.ids.tolist()) == [-4, -3]  # one street from one side of the wall round to the other
+
+
+def test_public_streets_behind_restricted_ones_are_restricted_too(build) -> None:
+    # 1-2-3-4 is public; 2-5 for destinations only, and behind it lie 5-6 and a loop; 3-7 and 7-8-4 are public.
+    nodes = {1: (0, 0), 2: (100, 0), 3: (200, 0), 4: (300, 0), 5: (100, 100), 6: (100, 200), 7: (200, 90), 8: (300, 90)}
+    nodes |= {9: (50, 150)}
+    public, private = {"highway": "residential"}, {"highway": "service", "access": "destination"}
+    ways = {1: ((1, 2, 3, 4), public), 2: ((2, 5), private), 3: ((5, 6, 9, 5), public), 4: ((3, 7, 8, 4), public)}
+    town, report = build(nodes, ways)
+    assert report.limited == {
+        "way: for destinations only": 1,
+        "street: public, but reached only through restricted ones": 1,
+    }
+    behind = {5, 6, 9}
+    ends = town.ids[np.stack([town.tail, town.head], axis=1)].tolist()
+    for pair, restricted in zip(ends, town.restricted, strict=True):
+        assert bool(behind & set(pair)) == restricted
+
+
+def test_a_town_of_restricted_streets_alone_stays(build) -> None:
+    nodes = {1: (0, 0), 2: (100, 0), 3: (50, 90)}
+    yard = {"highway": "service", "access": "customers"}
+    town, _ = build(nodes, {1: ((1, 2), yard), 2: ((2, 3), yard)})
+    assert town.restricted.all()
+
+
+# Lifts, ferries.
+
+
+def test_a_lift_at_a_node_joins_levels(build) -> None:
+    lift = said("highway=elevator")
+    nodes = {1: (0, 0), 2: (100, 0, lift), 3: (200, 0), 4: (100, 100), 5: (100, -100)}
+    ground, above = {"highway": "footway"}, {"highway": "footway", "level": "1"}
+    ways = {1: ((1, 2, 3), ground), 2: ((2, 4), above), 3: ((5, 2), ground), 4: ((1, 5, 3), ground)}
+    town, _ = build(nodes, ways)
+    assert town.kind.count("elevator") == 1
+    ride = town.kind.index("elevator")
+    ends = {int(town.ids[town.tail[ride]]), int(town.ids[town.head[ride]])}
+    assert 2 in ends
+    assert min(ends) < 0
+    assert metres(town, one=5, other=2) == 100
+    assert metres(town, one=5, other=min(ends)) == 100  # after the ride
+
+
+def test_a_lift_between_ways_without_levels_joins_each_two(build) -> None:
+    nodes = {1: (0, 0), 2: (100, 0, said("highway=elevator | opening_hours=06:00-22:00")), 3: (200, 0), 4: (100, 100)}
+    foot = {"highway": "footway"}
+    town, _ = build(nodes, {1: ((1, 2), foot), 2: ((3, 2), foot), 3: ((1, 4, 3), foot)})
+    assert town.kind.count("elevator") == 1
+    assert town.opening[town.kind.index("elevator")] == "06:00-22:00"
+
+
+def test_what_ferries_would_reach_is_counted(build) -> None:
+    foot = {"highway": "footway"}
+    nodes = {1: (0, 0), 2: (100, 0), 3: (50, 90), 4: (900, 0), 5: (990, 0), 6: (0, 900), 7: (90, 900), 8: (500, 0)}
+    ways = {
+        1: ((1, 2, 3, 1), foot), 2: ((2, 8, 4), {"route": "ferry", "foot": "yes"}), 3: ((4, 5), foot),
+        4: ((6, 7), foot), 5: ((3, 6), {"route": "ferry", "foot": "no"}), 6: ((1, 3), foot),
+    }  # fmt: skip
+    _, report = build(nodes, ways)
+    assert report.dropped["way: ferry"] == 2
+    assert report.dropped["street: reached only by ferry"] == 1
+    assert report.dropped["street: outside the largest connected part"] == 1
+    assert report.parts_left_out == 2
