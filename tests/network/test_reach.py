@@ -1,11 +1,18 @@
 """Streets as people map them, on a grid of footways with one more way across: how far it is from corner to corner."""
 
+import bz2
+import gzip
+import json
+import re
+
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import csgraph_from_dense, dijkstra
 
+from sidestep.network.formats import save_town
 from sidestep.network.opening_hours import open_minutes
-from sidestep.network.osm import ImportReport
+from sidestep.network.osm import ImportReport, OsmError, import_osm
+from sidestep.network.snapping import Snapper
 from sidestep.network.town import Town
 
 SIDE = 120.0  # m
@@ -358,3 +365,149 @@ def test_what_ferries_would_reach_is_counted(build) -> None:
     assert report.dropped["street: reached only by ferry"] == 1
     assert report.dropped["street: outside the largest connected part"] == 1
     assert report.parts_left_out == 2
+
+
+# Files.
+
+
+def test_a_town_on_the_antimeridian(build, tmp_path) -> None:
+    """The grid with its middle column of blocks at longitude 180°."""
+    nodes, ways = grid_nodes(), grid_ways({"highway": "footway"})
+    plain, _ = build(nodes, ways)
+    path = tmp_path / "town.osm"
+    shift = re.compile(r'lon="([^"]*)"')
+    text = shift.sub(lambda lon: f'lon="{_east(float(lon[1]) + 180 - 1.5 * SIDE / 111_195.08):.7f}"', path.read_text())
+    path.write_text(text)
+    town, _ = import_osm(path, merge=0)
+    assert (town.place[:, 0] < 0).any()
+    np.testing.assert_allclose(town.length, plain.length, rtol=1e-4)
+    np.testing.assert_allclose(town.project(town.place), plain.project(plain.place), atol=0.1)
+    assert metres(town) == ACROSS
+    longitude = _east(180 - 0.9 * SIDE / 111_195.08)
+    for east in (longitude, -180.0, 180.0):
+        assert Snapper(town).nearest(0.0, east).distance == pytest.approx(0, abs=0.1)
+    assert np.ptp(Snapper(town).nearest(0.0001, 180.0).place[0]) == 0
+    save_town(town, tmp_path / "town.geojson")
+    lines = [line["geometry"] for line in json.loads((tmp_path / "town.geojson").read_text())["features"]]
+    several = [line["coordinates"] for line in lines if line["type"] == "MultiLineString"]
+    parts = [line["coordinates"] for line in lines if line["type"] == "LineString"] + [
+        part for two in several for part in two
+    ]
+    assert several
+    assert all(max(lon for lon, _ in part) - min(lon for lon, _ in part) < 1 for part in parts)
+
+
+def _east(degrees: float) -> float:
+    return degrees - 360 if degrees > 180 else degrees
+
+
+def test_what_editors_delete_is_not_there(osm, tmp_path) -> None:
+    path = tmp_path / "edited.osm"
+    text = osm(grid_nodes(), grid_ways({"highway": "footway"}))
+    for way in ("<way id=\"9\" version='1' action='delete' visible='true'>", '<way id="9" action = "delete">'):
+        path.write_text(text.replace('<way id="9">', way))
+        assert metres(import_osm(path, merge=0)[0]) == AROUND
+    path.write_text(text.replace('<node id="1016"', "<node id=\"1016\" action='delete'"))
+    town, report = import_osm(path, merge=0)
+    assert metres(town) == AROUND
+    assert report.repaired["way: split at missing nodes"] == 1
+    for packed in (gzip.compress, bz2.compress):
+        file = tmp_path / f"edited.osm.{'gz' if packed is gzip.compress else 'bz2'}"
+        file.write_bytes(packed(text.replace('<way id="9">', '<way id="9" action="delete">').encode()))
+        assert metres(import_osm(file, merge=0)[0]) == AROUND
+    path.write_text(text.replace('<way id="9">', '<way id="9" action="modify">'))
+    assert metres(import_osm(path, merge=0)[0]) == ACROSS
+
+
+def _way(version: int, *, tag: str = "footway", visible: str = "true", refs=(1005, 1016, 1010)) -> str:
+    through = "".join(f'<nd ref="{ref}"/>' for ref in refs)
+    return f'<way id="9" version="{version}" visible="{visible}">{through}<tag k="highway" v="{tag}"/></way>'
+
+
+@pytest.mark.parametrize(
+    ("versions", "length"),
+    [
+        ((_way(1), _way(2, tag="construction")), AROUND),
+        ((_way(2, tag="construction"), _way(1)), AROUND),  # in any order
+        ((_way(1, tag="construction"), _way(2)), ACROSS),
+        ((_way(1), _way(2, visible="false")), AROUND),
+        ((_way(1), '<way id="9" version="2" visible="false"/>'), AROUND),
+        ((_way(1), '<way id="9" version="3" visible="false"/>', _way(2)), AROUND),
+        ((_way(1), _way(2, visible="false"), _way(3)), ACROSS),
+        ((_way(1), _way(10, refs=(1005, 1016))), AROUND),
+        (
+            (_way(1), '<way id="9" version="2"><nd ref="1005"/><nd ref="1010"/><tag k="building" v="yes"/></way>'),
+            AROUND,
+        ),
+    ],
+)
+def test_the_latest_version_of_a_way_counts(osm, tmp_path, versions, length: int) -> None:
+    ways = grid_ways({"highway": "footway"})
+    del ways[9]
+    path = tmp_path / "history.osm"
+    path.write_text(osm(grid_nodes(), ways).replace("</osm>", "\n".join([*versions, "</osm>"])))
+    town, report = import_osm(path, merge=0)
+    assert metres(town) == length
+    assert "way: repeated number" not in report.dropped
+
+
+@pytest.mark.parametrize(
+    ("versions", "length"),
+    [
+        (('version="1"', 'version="2"><tag k="barrier" v="wall"/></node>'), AROUND),
+        (('version="2"', 'version="1"><tag k="barrier" v="wall"/></node>'), ACROSS),
+        (('version="1"', 'version="2" visible="false"/>'), AROUND),
+    ],
+)
+def test_the_latest_version_of_a_node_counts(osm, tmp_path, versions, length: int) -> None:
+    path = tmp_path / "history.osm"
+    text = osm(grid_nodes(), grid_ways({"highway": "footway"}))
+    first, second = versions
+    place = re.search(r'<node id="1016" (lon="[^"]*" lat="[^"]*")>', text)[1]
+    again = second if "false" in second else f"{place} {second}"
+    path.write_text(text.replace('<node id="1016"', f'<node id="1016" {again}\n<node id="1016" {first}'))
+    assert metres(import_osm(path, merge=0)[0]) == length
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.osm", "<?xml version='1.0'?>\n<!-- new --><osmChange version='0.6'><create/></osmChange>"),
+        ("a.osm", "<osmAugmentedDiff version='0.6'/>"),
+        ("a.osm", "<osm version='0.6'><action type='create'><node id='1' lat='0' lon='0'/></action></osm>"),
+        ("a.osc", "<osmChange version='0.6'/>"),
+        ("a.osc.gz", ""),
+        ("a.osm", "<html><body/></html>"),
+    ],
+)
+def test_changes_are_no_extract(tmp_path, name: str, content: str) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(OsmError) as caught:
+        import_osm(path)
+    assert str(caught.value).startswith(str(path))
+    packed = tmp_path / "packed.osm.gz"
+    packed.write_bytes(gzip.compress(content.encode()))
+    with pytest.raises(OsmError):
+        import_osm(packed)
+
+
+def test_places_that_stand_with_the_ways_are_read(osm, tmp_path) -> None:
+    text = osm(grid_nodes(), grid_ways({"highway": "footway"}))
+    places = dict(re.findall(r'<node id="(\d+)" (lon="[^"]*" lat="[^"]*")', text))
+    ways = "\n".join(line for line in text.splitlines() if "<node" not in line)
+    relation = '<relation id="5"><member type="way" ref="9" role="outer">\n<nd lat="0" lon="0"/>\n</member></relation>'
+    located = re.sub(r'<nd ref="(\d+)"/>', lambda nd: f'<nd ref="{nd[1]}" {places[nd[1]]}/>', ways)
+    path = tmp_path / "overpass.osm"
+    for content in (located, located.replace("</osm>", f"{relation}</osm>")):
+        path.write_text(content)
+        assert metres(import_osm(path, merge=0)[0]) == ACROSS
+    # Where a node is there as well, it counts.
+    wall = f'<node id="1016" {places["1016"]}><tag k="barrier" v="wall"/></node>'
+    path.write_text(located.replace("</osm>", f"{wall}</osm>"))
+    assert metres(import_osm(path, merge=0)[0]) == AROUND
+    # Lines keep their numbers.
+    path.write_text(located.replace("</osm>", f"{relation}\n<node/><</osm>"))
+    with pytest.raises(OsmError) as caught:
+        import_osm(path)
+    assert caught.value.line == path.read_text().splitlines().index("<node/><</osm>") + 1

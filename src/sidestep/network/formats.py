@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sidestep.files import check_unpacked, reading, whole_file
+from sidestep.network.geodesy import line_geometry
 from sidestep.network.graphml import read_graphml, write_graphml
 from sidestep.network.town import ARRAYS, USUAL, WORDS, Town, TownError
 
@@ -175,7 +176,7 @@ def _write_geojson(town: Town, file: BinaryIO) -> None:
 
 
 def _features(town: Town) -> dict[str, object]:
-    """Build GeoJSON (RFC 7946): a line a street."""
+    """Build GeoJSON (RFC 7946): a line a street, in two parts where it crosses the antimeridian."""
     points, first = np.round(town.points, 7).tolist(), town.first.tolist()
     columns: dict[str, Any] = {
         "tail": town.ids[town.tail].tolist(),
@@ -197,7 +198,7 @@ def _features(town: Town) -> dict[str, object]:
             "type": "Feature",
             "id": street,
             "properties": dict(zip(columns, row, strict=True)),
-            "geometry": {"type": "LineString", "coordinates": points[first[street] : first[street + 1]]},
+            "geometry": line_geometry(points[first[street] : first[street + 1]]),
         }
         for street, row in enumerate(zip(*columns.values(), strict=True))
     ]

@@ -1,12 +1,16 @@
-"""Longitude and latitude in metres: great-circle distances, and a plane for a town."""
+"""Longitude and latitude in metres: great-circle distances, and a plane for a town, on either side of 180°."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
 
 EARTH_RADIUS = 6_371_008.8
 """Mean radius of the Earth in metres."""
+HALF_CIRCLE = 180.0
+"""Degrees of longitude from the prime meridian to the antimeridian."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +40,12 @@ class Projection:
         Projection
             The plane.
         """
-        centre = (lonlat.min(axis=0) + lonlat.max(axis=0)) / 2
+        low, high = lonlat.min(axis=0), lonlat.max(axis=0)
+        if high[0] - low[0] > HALF_CIRCLE:  # the shorter way from one to the other leads across the antimeridian
+            east = lonlat[lonlat[:, 0] < 0, 0].max() + 2 * HALF_CIRCLE
+            low[0], high[0] = lonlat[lonlat[:, 0] >= 0, 0].min(), east
+        centre = (low + high) / 2
+        _wrap(centre)
         return cls(centre, np.radians(EARTH_RADIUS) * np.array([np.cos(np.radians(centre[1])), 1.0]))
 
     def project(self, lonlat: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
@@ -52,7 +61,9 @@ class Projection:
         Float[np.ndarray, "*point 2"]
             Metres east and north of the centre.
         """
-        return (np.asarray(lonlat, np.float64) - self.centre) * self.scale
+        away = np.asarray(lonlat, np.float64) - self.centre
+        _wrap(away)
+        return away * self.scale
 
     def unproject(self, xy: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
         """Convert metres back to degrees.
@@ -67,7 +78,9 @@ class Projection:
         Float[np.ndarray, "*point 2"]
             Longitudes and latitudes in degrees.
         """
-        return xy / self.scale + self.centre
+        lonlat = xy / self.scale + self.centre
+        _wrap(lonlat)
+        return lonlat
 
 
 def metres_between(
@@ -90,6 +103,54 @@ def metres_between(
     return 2 * EARTH_RADIUS * np.arcsin(np.sqrt(np.minimum(a, 1)))
 
 
+def split_at_antimeridian(points: Sequence[Sequence[float]]) -> list[list[list[float]]]:
+    """Split a line where it crosses the antimeridian, as GeoJSON wants it (RFC 7946, section 3.1.9).
+
+    Parameters
+    ----------
+    points
+        Longitudes and latitudes in degrees.
+
+    Returns
+    -------
+    list
+        The lines on either side; one for a line that does not cross it.
+    """
+    lines = [[list(points[0])]]
+    for (lon, lat), (to_lon, to_lat) in pairwise(points):
+        if abs(to_lon - lon) > HALF_CIRCLE:
+            side = HALF_CIRCLE if lon > 0 else -HALF_CIRCLE
+            beyond = to_lon + 2 * side  # seen from this side
+            share = (side - lon) / (beyond - lon) if beyond != lon else 0.0
+            crossing = round(lat + share * (to_lat - lat), 7)
+            if lon != side:
+                lines[-1].append([side, crossing])
+            lines.append([[-side, crossing]])
+            if to_lon == -side:
+                continue
+        lines[-1].append([to_lon, to_lat])
+    return [line for line in lines if len(line) > 1]
+
+
+def line_geometry(points: Sequence[Sequence[float]]) -> dict[str, object]:
+    """Write a line as a GeoJSON geometry.
+
+    Parameters
+    ----------
+    points
+        Longitudes and latitudes in degrees.
+
+    Returns
+    -------
+    dict
+        A LineString, or a MultiLineString where it crosses the antimeridian.
+    """
+    lines = split_at_antimeridian(points) if len(points) else []
+    if len(lines) > 1:
+        return {"type": "MultiLineString", "coordinates": lines}
+    return {"type": "LineString", "coordinates": points}
+
+
 def course_lengths(
     points: Float[np.ndarray, "point 2"], first: Int[np.ndarray, " border"]
 ) -> Float[np.ndarray, " street"]:
@@ -110,3 +171,8 @@ def course_lengths(
     legs = metres_between(points[:-1], points[1:])
     legs[first[1:-1] - 1] = 0  # from the end of one course to the start of the next
     return np.add.reduceat(np.append(legs, 0.0), first[:-1]) if len(first) > 1 else np.zeros(0)
+
+
+def _wrap(lonlat: Float[np.ndarray, "*point 2"]) -> None:
+    """Turn longitudes beyond 180° into those of the shorter way round, in place; others stay as they are."""
+    lonlat[..., 0] -= 2 * HALF_CIRCLE * np.rint(lonlat[..., 0] / (2 * HALF_CIRCLE))

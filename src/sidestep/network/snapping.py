@@ -70,7 +70,8 @@ class Snapper:
         here = shapely.Point(town.project(np.array([longitude, latitude])))
         candidates, (distance, *_) = tree.query_nearest(here, return_distance=True)
         if distance > farthest:
-            (west, south), (east, north) = town.place.min(axis=0), town.place.max(axis=0)
+            xy = town.project(town.place)
+            (west, south), (east, north) = town.projection.unproject(np.stack([xy.min(axis=0), xy.max(axis=0)]))
             raise TownError(
                 f"{latitude:g}, {longitude:g} is {distance:,.0f} m from the nearest street, so it is not in this town "
                 f"(latitude {south:.4f} to {north:.4f}, longitude {west:.4f} to {east:.4f})",

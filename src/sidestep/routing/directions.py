@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.network.geodesy import EARTH_RADIUS
+from sidestep.network.geodesy import Projection
 
 SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""
@@ -136,8 +136,7 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
     float, float
         Degrees clockwise from north.
     """
-    scale = np.radians(EARTH_RADIUS) * np.array([np.cos(np.radians(course[:, 1].mean())), 1.0])
-    place = (course - course[0]) * scale
+    place = Projection.of(course).project(course)
     along = np.append(0.0, np.linalg.norm(np.diff(place, axis=0), axis=1).cumsum())
 
     def bearing(begin: float, end: float) -> float:

@@ -9,6 +9,8 @@ from xml.etree import ElementTree as ET  # written only, never parsed
 
 import numpy as np
 
+from sidestep.network.geodesy import Projection, line_geometry
+
 _GPX = "http://www.topografix.com/GPX/1/1"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _ODBL = "https://opendatacommons.org/licenses/odbl/1-0/"
@@ -25,7 +27,8 @@ def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 def feature(kind: str, coordinates: Sequence[Any], **properties: object) -> dict[str, object]:
     """A GeoJSON feature; coordinates are longitude and latitude in degrees."""
-    return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": coordinates}}
+    geometry = {"type": kind, "coordinates": coordinates} if kind != "LineString" else line_geometry(coordinates)
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 @dataclass(frozen=True)
@@ -80,8 +83,11 @@ def gpx(
     legal = ET.SubElement(metadata, "copyright", author=_UNPRINTABLE.sub("", attribution))
     _put(legal, license=_ODBL if "ODbL" in attribution else "")
     _put(metadata, time=time(0.0))
-    course = np.array([point.place[::-1] for point in track])
-    corners = zip(("minlat", "minlon", "maxlat", "maxlon"), (*course.min(axis=0), *course.max(axis=0)), strict=True)
+    course = np.array([point.place for point in track])
+    plane = Projection.of(course)
+    xy = plane.project(course)
+    ends = plane.unproject(np.stack([xy.min(axis=0), xy.max(axis=0)]))[:, ::-1].ravel()
+    corners = zip(("minlat", "minlon", "maxlat", "maxlon"), ends.tolist(), strict=True)
     ET.SubElement(metadata, "bounds", {corner: f"{degrees:.7f}" for corner, degrees in corners})
     route, walked = ET.SubElement(root, "rte"), ET.SubElement(root, "trk")
     _put(route, name=name)
