@@ -51,7 +51,7 @@ def static_cost_to_go(
     Float[Array, " node"]
         Cost in s; ``UNREACHABLE`` or more where no path leads.
     """
-    onward = jnp.where(network.valid, cost[network.exit_segment], UNREACHABLE)
+    onward = jnp.where(network.exits_to(destination), cost[network.exit_segment], UNREACHABLE)
     start = jnp.where(destination, 0.0, UNREACHABLE)
 
     def improve(carry: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -89,7 +89,7 @@ def cost_to_go(
     ----------
     Chabini (1998), doi:10.3141/1645-21.
     """
-    slots, head = crossed.seconds.shape[0], network.exit_node
+    slots, head, valid = crossed.seconds.shape[0], network.exit_node, network.exits_to(destination)
     start = jnp.broadcast_to(later, (slots + 1, network.nodes))
 
     def one_slot(table: Array, now: tuple[Array, Array, Array]) -> tuple[Array, None]:
@@ -102,7 +102,7 @@ def cost_to_go(
         within = before == slot
         known = jnp.where(within, 0.0, (1 - part) * table[jnp.minimum(before, slots), head])
         known = cost[network.exit_segment] + known + part * table[jnp.minimum(before + 1, slots), head]
-        known = jnp.where(network.valid, known, UNREACHABLE)
+        known = jnp.where(valid, known, UNREACHABLE)
         weight = jnp.where(within, 1 - part, 0.0)
 
         def settle(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -176,7 +176,7 @@ def field_cost_to_go(
     network, crossed = params.network, crossings(params, speeds, wait, every=every)
     begins = jnp.full(network.segments, (speeds.slots - 1) * speeds.slot_seconds)
     density, waited = lambda: speeds.known_density[:, -1], wait(jnp.arange(network.segments), begins)
-    ever_after = static_crossing(params.objective, network.length, speeds.speed[:, -1], density, waited)
+    ever_after = static_crossing(params, network.length, speeds.speed[:, -1], density, waited)
     later = static_cost_to_go(network, ever_after.cost, destination)
     return cost_to_go(network, crossed, speeds.slot_seconds / every, destination, later)
 
@@ -323,7 +323,7 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         raise ValueError(f"no costs of getting to node {unknown} are known; give it to make_environment as destination")
     if params.level == "live":
         known_live_cost_to_go(params)
-    elif params.expected.count == 1:
+    elif params.expected.count == 1 and not params.waits.gates:
         return
     wrong = np.flatnonzero(number != np.asarray(params.futures.destination)[future])
     if len(wrong):

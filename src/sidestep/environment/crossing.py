@@ -13,6 +13,10 @@ from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
 from sidestep.walking.speed_field import SpeedField, Speeds
 from sidestep.walking.waits import Segments, Wait
 
+LOST = 1e7
+"""Cost in s of waiting until a street opens for longer than a walk may take: more than any walk costs. It is finite, so
+that walkers still tell nearer from farther."""
+
 
 def with_mean_waits(params: EnvParams) -> EnvParams:
     """The same with lights at their mean wait, for plans by somebody who does not know their phases."""
@@ -25,7 +29,13 @@ def as_expected(params: EnvParams) -> EnvParams:
     return with_mean_waits(replace(params, futures=replace(futures, speeds=params.expected, cost_to_go=None)))
 
 
-def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], clock: Float[Array, ""]) -> Crossing:
+def cross(
+    params: EnvParams,
+    future: Int[Array, ""],
+    segment: Int[Array, ""],
+    clock: Float[Array, ""],
+    latest: Float[Array, ""] | None = None,
+) -> Crossing:
     """Walk a segment in one of the futures.
 
     Parameters
@@ -34,22 +44,34 @@ def cross(params: EnvParams, future: Int[Array, ""], segment: Int[Array, ""], cl
         The environment.
     future, segment, clock
         In which future, which segment, and the clock in s at which the walker comes to it.
+    latest
+        Clock at which a walker who still waits before the segment gives up, if there is one.
 
     Returns
     -------
     Crossing
         Time and cost, with the wait before the segment.
     """
-    return cross_at_speeds(params, params.futures.speeds.row(future, segment), params.wait_in(future), segment, clock)
+    speeds, wait = params.futures.speeds.row(future, segment), params.wait_in(future)
+    return cross_at_speeds(params, speeds, wait, segment, clock, latest)
 
 
 def cross_at_speeds(
-    params: EnvParams, speeds: SpeedField, wait: Wait, segment: Int[Array, ""], clock: Float[Array, ""]
+    params: EnvParams,
+    speeds: SpeedField,
+    wait: Wait,
+    segment: Int[Array, ""],
+    clock: Float[Array, ""],
+    latest: Float[Array, ""] | None = None,
 ) -> Crossing:
     """:func:`cross` at given ``speeds`` on this segment, after waits as given."""
     length, waited = params.network.length[segment], wait(segment, clock)
     seconds = waited + crossing_time(speeds, length, clock + waited, params.rule)
-    return _crossing(params.objective, speeds, clock, seconds, length)
+    if latest is None:
+        return _lost(params, _crossing(params.objective, speeds, clock, seconds, length), waited)
+    shut = clock + waited >= latest
+    seconds, metres = jnp.where(shut, latest - clock, seconds), jnp.where(shut, 0.0, length)
+    return _crossing(params.objective, speeds, clock, seconds, metres)
 
 
 def crossings(
@@ -83,20 +105,20 @@ def crossings(
         come = jnp.full(segments.shape, clock)
         waited = wait(segments, begins + come)
         seconds = waited + crossing_times(speed, covered, speeds.slot_seconds, length, come + waited, params.rule)
-        return _crossing(params.objective, speeds, come, seconds, length)
+        return _lost(params, _crossing(params.objective, speeds, come, seconds, length), waited)
 
     return jax.lax.map(at, steps)
 
 
 def static_crossing(
-    objective: Objective, metres: Numbers, speed: Numbers, density: Deferred, wait: Numbers | float = 0.0
+    params: EnvParams, metres: Numbers, speed: Numbers, density: Deferred, wait: Numbers | float = 0.0
 ) -> Crossing:
     """Walk segments if their crowds stayed as they are.
 
     Parameters
     ----------
-    objective
-        What it costs.
+    params
+        The environment, with what it costs.
     metres, speed, density
         Length in m, speed in m/s and density in persons/m² of each.
     wait
@@ -108,7 +130,8 @@ def static_crossing(
         Time and cost of each.
     """
     seconds = wait + metres / speed
-    return objective.crossing(seconds, metres, lambda: density() * seconds, density)
+    crossed = params.objective.crossing(seconds, metres, lambda: density() * seconds, density)
+    return _lost(params, crossed, wait)
 
 
 def static_crossing_in(
@@ -116,7 +139,14 @@ def static_crossing_in(
 ) -> Crossing:
     """Walk segments, after some wait before each, if the crowds of a future stayed as they are in a slot."""
     speed, density = speeds.at(future, segment, slot), partial(speeds.density_at, future, segment, slot)
-    return static_crossing(params.objective, params.network.length[segment], speed, density, wait)
+    return static_crossing(params, params.network.length[segment], speed, density, wait)
+
+
+def _lost(params: EnvParams, crossed: Crossing, waited: Numbers | float) -> Crossing:
+    """Crossings that cost too much for any walk where the wait before them is longer than a walk may take."""
+    if not params.waits.gates:
+        return crossed
+    return replace(crossed, cost=crossed.cost + LOST * (waited > params.horizon))
 
 
 def _crossing(objective: Objective, speeds: SpeedField, clock: Numbers, seconds: Numbers, length: Numbers) -> Crossing:

@@ -21,9 +21,10 @@ def reset(params: EnvParams, instance: Instance) -> tuple[EnvState, Observation]
 def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[EnvState, Outcome]:
     """Walk to the next crossing.
 
-    An exit that does not exist is replaced by the next one that does, counting upwards and round (the paper lets the
-    agent "select another"); a node without any exit is no place for a walker. The episode terminates on arrival; it is
-    truncated, not terminated, at the horizon.
+    An exit that does not exist or may not be taken is replaced by the next one that may, counting upwards and round
+    (the paper lets the agent "select another"); a node without any is no place for a walker. The episode terminates on
+    arrival; it is truncated, not terminated, at the horizon. A walker who then still waits until a street opens has
+    not walked it.
 
     Parameters
     ----------
@@ -37,21 +38,26 @@ def step(params: EnvParams, state: EnvState, action: Int[Array, ""]) -> tuple[En
     state, outcome
         Where the walker is then, and what the step brought.
     """
-    network = params.network
-    taken = existing_exit(network.exit_node[state.node], action)
+    network, instance = params.network, state.instance
+    taken = existing_exit(network.exits_to(instance.destination, state.node), action)
     segment, node = network.exit_segment[state.node, taken], network.exit_node[state.node, taken]
-    crossed = cross(params, state.instance.future, segment, state.clock)
+    shut, latest = jnp.bool_(False), None
+    if params.waits.gates:
+        latest = instance.departure + params.horizon
+        shut = state.clock + params.wait_in(instance.future)(segment, state.clock) >= latest
+        node = jnp.where(shut, state.node, node)
+    crossed = cross(params, instance.future, segment, state.clock, latest)
     recent_nodes = jnp.concatenate([state.node[None], state.recent_nodes[:-1]])
-    after = EnvState(node, state.clock + crossed.seconds, state.instance, recent_nodes, state.steps + 1)
+    after = EnvState(node, state.clock + crossed.seconds, instance, recent_nodes, state.steps + 1)
     crossed = replace(crossed, cost=params.objective.step_cost(crossed, after.clock - state.clock))
-    arrived = node == state.instance.destination
+    arrived = node == instance.destination
     outcome = Outcome(
         observation=observe(params, after),
         reward=reward(params, state, after, crossed.cost),
         segment=segment,
         crossed=crossed,
         terminated=arrived,
-        truncated=~arrived & (after.clock - state.instance.departure >= params.horizon),
+        truncated=~arrived & (shut | (after.clock - instance.departure >= params.horizon)),
     )
     return after, outcome
 
@@ -83,11 +89,11 @@ def reward(params: EnvParams, before: EnvState, after: EnvState, cost: Float[Arr
     return -cost / weights.unit_seconds + weights.progress * (here - there) + weights.bonus * arrived
 
 
-def existing_exit(exit_node: Int[Array, " exit"], action: Int[Array, ""]) -> Int[Array, ""]:
-    """The exit ``action``, or the next one round that exists."""
-    exits = exit_node.shape[0]
+def existing_exit(valid: Bool[Array, " exit"], action: Int[Array, ""]) -> Int[Array, ""]:
+    """The exit ``action``, or the next valid one round."""
+    exits = valid.shape[0]
     distance = jnp.mod(jnp.arange(exits) - action, exits)
-    return jnp.argmin(jnp.where(exit_node >= 0, distance, exits))
+    return jnp.argmin(jnp.where(valid, distance, exits))
 
 
 def random_exit(valid: Bool[Array, " exit"], uniform: Float[Array, ""]) -> Int[Array, ""]:

@@ -23,7 +23,7 @@ Exits = Float[Array, " exit"]
 def observe(params: EnvParams, state: EnvState) -> Observation:
     """See what the environment's level sees.
 
-    Level ``position``, the paper's, sees where the walker is, and which exits there are.
+    Level ``position``, the paper's, sees where the walker is, and which exits may be taken.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ def observe(params: EnvParams, state: EnvState) -> Observation:
         From level ``local`` on with the level's own estimate.
     """
     network = params.network
-    seen = Observation(state.node, network.position[state.node], network.exit_node[state.node] >= 0, state.steps)
+    valid = network.exits_to(state.instance.destination, state.node)
+    seen = Observation(state.node, network.position[state.node], valid, state.steps)
     if params.level == "position":
         return seen
     local, estimate = _local(params, state)
@@ -52,7 +53,7 @@ def observe(params: EnvParams, state: EnvState) -> Observation:
 
 
 def _local(params: EnvParams, state: EnvState) -> tuple[Local, Exits]:
-    """Level ``local``: also the clock, where the destination lies, and the crowds and lights of the streets from here.
+    """Level ``local``: also the clock, where the destination lies, and crowds, gates and lights of streets from here.
 
     Returns
     -------
@@ -78,7 +79,7 @@ def _local(params: EnvParams, state: EnvState) -> tuple[Local, Exits]:
     metres = jnp.linalg.norm(local.onward, axis=1)
     # Nobody is met on streets that are not seen.
     speed, nobody = jnp.full_like(metres, FREE_SPEED), partial(jnp.zeros_like, metres)
-    empty = static_crossing(params.objective, metres, speed, nobody)
+    empty = static_crossing(params, metres, speed, nobody)
     return local, local.cost + empty.cost + _turning_back(params, local)
 
 
@@ -134,12 +135,16 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
     density, clock = partial(speeds.density_at, future, segment, slot), jnp.full(segment.shape, state.clock)
     forecast += params.objective.penalty * params.objective.too_dense(density)
     mean, seen = (each.wait_in(future)(segment, clock) for each in (with_mean_waits(params), params))
+    if params.waits.gates:  # between two slots forecasts take gates to open and shut little by little
+        edges = (jnp.full_like(clock, edge * speeds.slot_seconds) for edge in (slot, slot + 1))
+        begin, end = (params.gates_in(future)(segment, edge) for edge in edges)
+        mean += (1 - part) * begin + part * end - params.gates_in(future)(segment, clock)
     forecast += params.objective.waiting(seen - mean, density)
     return Live(local.cost + known.snapshot[future, slot, local.onto], forecast)
 
 
 def _crossing_now(params: EnvParams, state: EnvState, speeds: Speeds, future: Int[Array, ""]) -> Crossing:
-    """What the streets from here take and cost if crowds stay as they are in a future, with the lights as seen."""
+    """What the streets from here take and cost if crowds stay as they are in a future, gates and lights as seen."""
     segment, met = params.network.exit_segment[state.node], params.futures.speeds
     slot = slot_at(state.clock, met.slot_seconds, met.slots)
     wait = params.wait_in(state.instance.future)(segment, jnp.full(segment.shape, state.clock))

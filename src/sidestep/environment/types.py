@@ -11,8 +11,9 @@ from jaxtyping import Array, Bool, Float, Int
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.objective import Crossing, Objective, TravelTime
+from sidestep.walking.opening import AnyWaits
 from sidestep.walking.speed_field import Speeds
-from sidestep.walking.waits import NoWaits, Wait, Waits, light_phases
+from sidestep.walking.waits import NoWaits, Wait, light_phases
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
 """Levels of knowledge."""
@@ -133,14 +134,18 @@ class EnvParams(eqx.Module):
     """What walkers see."""
     objective: Objective = TravelTime()
     """What walkers keep low."""
-    waits: Waits | NoWaits = NoWaits()
-    """At lights and for gaps in the traffic."""
+    waits: AnyWaits = NoWaits()
+    """At gates, at lights and for gaps in the traffic."""
     cost_to_go: ExpectedCostToGo | None = None
     """None below level ``map``."""
 
     def wait_in(self, future: Int[Array, ""]) -> Wait:
         """How long walkers wait before segments in one of the futures."""
         return partial(self.waits.seconds, self.futures.hour[future], self.futures.phase[future])
+
+    def gates_in(self, future: Int[Array, ""]) -> Wait:
+        """How much of that they wait until segments open."""
+        return partial(self.waits.until_open, self.futures.hour[future])
 
     def expected_for(self, future: Int[Array, "*n"]) -> Int[Array, "*n"]:
         """Number of the expected crowds that belong to one of the futures."""
@@ -187,7 +192,7 @@ class Local(eqx.Module):
     length: Float[Array, " exit"]
     """Length of the segment, in m."""
     crossing: Float[Array, " exit"]
-    """Time to cross it in the crowd and with the lights that are seen now, in s."""
+    """Time to cross it in the crowd and with the gates and lights that are seen now, in s."""
     cost: Float[Array, " exit"]
     """Cost of crossing it."""
     revisiting: Bool[Array, ""]
@@ -221,14 +226,14 @@ class Live(eqx.Module):
 class Observation(eqx.Module):
     """What a walker sees at a crossing; what its level does not see is None.
 
-    Entries of exits that do not exist mean nothing.
+    Entries of exits that are not valid mean nothing.
     """
 
     node: Int[Array, ""]
     position: Float[Array, "2"]
     """x, y in m."""
     valid: Bool[Array, " exit"]
-    """Which exits exist."""
+    """Which exits exist, and may be taken: see :meth:`sidestep.network.graph.RoadNetwork.exits_to`."""
     steps: Int[Array, ""]
     """Segments walked so far."""
     local: Local | None = None

@@ -6,13 +6,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Int32
 
 from sidestep.errors import SidestepError
 from sidestep.network.checks import check_each, check_edges
 
 ABSENT = -1
 """Stands where there is no street: in tables of nodes and segments, and in the paper's matrices D and P."""
+SHUT = -2
+"""Stands where segments are never open, in place of the restricted area that they enter."""
+
+
+Areas = tuple[Int32[np.ndarray, " node"], Int32[np.ndarray, " segment"]]
+""":attr:`RoadNetwork.area` and :attr:`RoadNetwork.enters`."""
 
 
 class NetworkError(SidestepError):
@@ -52,6 +58,11 @@ class RoadNetwork(eqx.Module):
     """Metres."""
     width: Float[Array, " segment"]
     """Metres."""
+    area: Int[Array, " node"] | None = None
+    """Restricted area that each node is inside of, -1 where it is in none; None where there are no such areas."""
+    enters: Int[Array, " segment"] | None = None
+    """Restricted area that each segment enters from outside, -1 where it enters none; -2 on segments that are never
+    open. None where there are no such areas."""
 
     @property
     def nodes(self) -> int:
@@ -72,6 +83,85 @@ class RoadNetwork(eqx.Module):
     def valid(self) -> Bool[Array, "node exit"]:
         """Which exits exist."""
         return self.exit_node != ABSENT
+
+    def exits_to(
+        self, destination: Int[Array, ""] | Bool[Array, " node"], node: Int[Array, "*n"] | slice = slice(None)
+    ) -> Bool[Array, "*n exit"]:
+        """Say which exits a walk may take, by where it ends.
+
+        Restricted areas may always be left, and are entered only by walks that end in them. Every search, every cost to
+        go and every step of a walker goes by this rule.
+
+        Parameters
+        ----------
+        destination
+            Node where the walk ends, or the nodes at one of which it ends.
+        node
+            Nodes whose exits are wanted; by default all.
+
+        Returns
+        -------
+        Bool[Array, "*n exit"]
+            Which exits exist and may be taken.
+        """
+        exists = self.exit_node[node] != ABSENT
+        return exists if self.enters is None else exists & self.may_take(destination, self.exit_segment[node])
+
+    def may_take(
+        self, destination: Int[Array, ""] | Bool[Array, " node"], segment: Int[Array, "*n"] | slice = slice(None)
+    ) -> Bool[Array, "*n"]:
+        """Say which segments a walk may take: the rule of :meth:`exits_to`.
+
+        Parameters
+        ----------
+        destination
+            As there.
+        segment
+            Segments; by default all.
+
+        Returns
+        -------
+        Bool[Array, "*n"]
+            Whether each may be taken.
+        """
+        if self.area is None or self.enters is None:
+            return jnp.ones(self.tail[segment].shape, bool)
+        enters = self.enters[segment]
+        if jnp.ndim(destination) == 0:
+            ends_there = enters == self.area[destination]
+        else:  # fewer areas than segments; the last entry is that of nodes in no area
+            ends_in = jnp.zeros(self.segments + 1, bool).at[self.area].max(destination)
+            ends_there = (enters >= 0) & ends_in[enters]
+        return (enters == ABSENT) | ends_there
+
+    def exits_from(
+        self, origin: Int[Array, ""], node: Int[Array, "*n"] | slice = slice(None)
+    ) -> Bool[Array, "*n exit"]:
+        """Say which exits walks from a node may take that end at the nodes that they reach, wherever that is.
+
+        A search for all destinations at once enters restricted areas, but leaves only that of the origin. (Where the
+        way from one node of that area to another is shorter outside, walks may come back, and leave it once more.)
+
+        Parameters
+        ----------
+        origin
+            Node where the walks begin.
+        node
+            Nodes whose exits are wanted; by default all.
+
+        Returns
+        -------
+        Bool[Array, "*n exit"]
+            Which exits exist and may be taken.
+        """
+        exists = self.exit_node[node] != ABSENT
+        if self.area is None or self.enters is None:
+            return exists
+        segment = self.exit_segment[node]
+        enters = self.enters[segment]
+        area = jnp.where(enters == ABSENT, self.area[self.tail[segment]], enters)
+        leaves = (area >= 0) & (self.area[self.head[segment]] == ABSENT)
+        return exists & (area != SHUT) & (~leaves | ((enters == ABSENT) & (area == self.area[origin])))
 
     def distance_matrix(self) -> Float[Array, "node node"]:
         """Arrange lengths as the paper's matrix D (eq. 1).
@@ -123,6 +213,7 @@ def road_network(
     width: Sequence[float] | np.ndarray | float = 1.0,
     exit_of: Sequence[int] | np.ndarray | None = None,
     exits: int | None = None,
+    areas: Areas | None = None,
 ) -> RoadNetwork:
     """Build a network from its directed segments.
 
@@ -138,6 +229,8 @@ def road_network(
         Which exit of its tail each segment is; by default in the order given.
     exits
         Number of exits to pad to; by default as many as the busiest node has.
+    areas
+        Restricted areas: the one that each node is inside of, and the one that each segment enters; by default none.
 
     Returns
     -------
@@ -185,7 +278,8 @@ def road_network(
     exit_node = np.full((nodes, exits), ABSENT, np.int32)
     exit_segment = np.full((nodes, exits), ABSENT, np.int32)
     exit_node.flat[slot], exit_segment.flat[slot] = head, np.arange(segments)
-    return RoadNetwork(*map(jax.device_put, (position, exit_node, exit_segment, tail, head, length, width)))
+    columns = (position, exit_node, exit_segment, tail, head, length, width, *(areas or ()))
+    return RoadNetwork(*map(jax.device_put, columns))
 
 
 def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:
@@ -199,7 +293,7 @@ def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:
     Returns
     -------
     RoadNetwork
-        All nodes and segments; one network alone is returned as it is.
+        All nodes, segments and restricted areas; one network alone is returned as it is.
     """
     if len(networks) == 1:
         return networks[0]
@@ -209,7 +303,25 @@ def disjoint_union(networks: Sequence[RoadNetwork]) -> RoadNetwork:
     shift = np.repeat(first_node, [each.segments for each in networks])
     exit_of = np.concatenate([_exit_of(each) for each in networks])
     exits = max(each.exits for each in networks)
-    return road_network(position, tail + shift, head + shift, length, width=width, exit_of=exit_of, exits=exits)
+    areas = _areas_of_all(networks)
+    return road_network(
+        position, tail + shift, head + shift, length, width=width, exit_of=exit_of, exits=exits, areas=areas
+    )
+
+
+def _areas_of_all(networks: Sequence[RoadNetwork]) -> Areas | None:
+    """The restricted areas of several networks, numbered on in the order given; None where none has any."""
+    if all(each.enters is None for each in networks):
+        return None
+    found: list[list[np.ndarray]] = [[], []]
+    first = 0
+    for each in networks:
+        for numbers, own, count in zip(found, (each.area, each.enters), (each.nodes, each.segments), strict=True):
+            mine = np.full(count, ABSENT, np.int32) if own is None else np.asarray(own)
+            numbers.append(np.where(mine >= 0, mine + first, mine))
+        first = 1 + max(first - 1, *(int(numbers[-1].max()) for numbers in found))
+    area, enters = map(np.concatenate, found)
+    return area, enters
 
 
 def _exit_of(network: RoadNetwork) -> Int[np.ndarray, " segment"]:

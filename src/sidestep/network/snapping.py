@@ -10,7 +10,7 @@ import shapely
 from jaxtyping import Bool, Float, Float64, Int
 from shapely.ops import substring
 
-from sidestep.network.graph import RoadNetwork, road_network
+from sidestep.network.graph import ABSENT, SHUT, Areas, RoadNetwork, road_network
 from sidestep.network.town import Town, TownError
 
 FARTHEST = 250.0
@@ -192,5 +192,24 @@ def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStree
     parent, tail, head = rows[:, :3].astype(np.int64).T
     begin, end = rows[:, 3:].T
     length, width = np.asarray(base.length)[parent] * np.abs(end - begin), np.asarray(base.width)[parent]
-    network = road_network(np.stack(position), tail, head, length, width=width, exits=max(base.exits, 2))
+    areas = _areas_of_pieces(base, len(position), parent, tail, head)
+    network = road_network(np.stack(position), tail, head, length, width=width, exits=max(base.exits, 2), areas=areas)
     return SplitStreets(town, network, tuple(nodes), parent, street[parent], begin, end)
+
+
+def _areas_of_pieces(
+    base: RoadNetwork,
+    nodes: int,
+    parent: Int[np.ndarray, " segment"],
+    tail: Int[np.ndarray, " segment"],
+    head: Int[np.ndarray, " segment"],
+) -> Areas | None:
+    """Restricted areas where segments of ``base`` are split: a point in the middle of a restricted street is inside."""
+    if base.area is None or base.enters is None:
+        return None
+    known, entered = np.asarray(base.area), np.asarray(base.enters)
+    of_parent = np.where(entered == ABSENT, known[np.asarray(base.tail)], entered)[parent]
+    area = np.full(nodes, ABSENT, np.int32)
+    area[head] = np.maximum(of_parent, ABSENT)  # of the new nodes; those of the town are as before
+    area[: base.nodes] = known
+    return area, np.where((area[tail] == ABSENT) | (of_parent == SHUT), of_parent, ABSENT)

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float, Float32, Float64, Int, Int16, Int32, Int64
 from sidestep.errors import SidestepError
 from sidestep.network.checks import check_each, check_edges
 from sidestep.network.geodesy import Projection
+from sidestep.network.opening_hours import open_minutes
 
 if TYPE_CHECKING:
-    from sidestep.network.graph import RoadNetwork
+    from sidestep.network.graph import Areas, RoadNetwork
 
 ATTRIBUTION = "© OpenStreetMap contributors, ODbL 1.0"
 """Whose the data of OpenStreetMap are, and under which licence."""
@@ -144,10 +145,10 @@ class Town:
         """
         from sidestep.network.graph import road_network
 
-        street, backwards = self.street_of_segment()
-        tail = np.where(backwards, self.head[street], self.tail[street])
-        head = np.where(backwards, self.tail[street], self.head[street])
-        return road_network(self.project(self.place), tail, head, self.length[street], width=self.width[street])
+        (tail, head), (street, _) = self._ends, self.street_of_segment()
+        return road_network(
+            self.project(self.place), tail, head, self.length[street], width=self.width[street], areas=self._areas
+        )
 
     def street_of_segment(self) -> tuple[Int[np.ndarray, " segment"], Bool[np.ndarray, " segment"]]:
         """Relate the segments of `network` to streets.
@@ -160,6 +161,30 @@ class Town:
         back = np.flatnonzero(~self.one_way)
         street = np.concatenate([np.arange(self.streets), back])
         return street, np.arange(len(street)) >= self.streets
+
+    @property
+    def never_open(self) -> Bool[np.ndarray, " street"]:
+        """Which streets are never open, so that nobody walks them."""
+        never = {text for text in set(self.opening) if not np.any(open_minutes(text))}  # all of them can be read
+        return np.array([text in never for text in self.opening])
+
+    @cached_property
+    def _ends(self) -> Int[np.ndarray, "2 segment"]:
+        """Tail and head of each segment."""
+        street, backwards = self.street_of_segment()
+        return np.where(backwards, [self.head[street], self.tail[street]], [self.tail[street], self.head[street]])
+
+    @cached_property
+    def _areas(self) -> "Areas | None":
+        """The restricted areas of `network`; None where everybody may walk all streets."""
+        from sidestep.network.restricted import restricted_areas
+
+        never_open = self.never_open
+        if not (self.restricted.any() or never_open.any()):
+            return None
+        street, _ = self.street_of_segment()
+        tail, head = self._ends
+        return restricted_areas(self.nodes, tail, head, self.restricted[street], never_open[street])
 
     @cached_property
     def projection(self) -> Projection:
@@ -212,6 +237,7 @@ def _check(town: Town) -> None:
     check_edges(TownError, "street", town.nodes, vars(town))
     for field in ("signals", "crossings", "kerb"):
         check_each(TownError, "street", field, getattr(town, field), getattr(town, field) >= 0, "be 0 or more")
+    _check_opening(town.opening)
     first = town.first
     if len(first) != town.streets + 1 or first[0] != 0 or first[-1] != len(town.points) or np.diff(first).min() < 2:
         raise TownError(
@@ -221,3 +247,10 @@ def _check(town: Town) -> None:
         crossing = getattr(town, field)
         near = np.abs(town.points[at] - town.place[crossing]).max(axis=1) <= SAME_DEGREES
         check_each(TownError, "street", field, crossing, near, "be the crossing at that end of the street's course")
+
+
+def _check_opening(opening: tuple[str, ...]) -> None:
+    for text in set(opening):
+        if open_minutes(text) is None:
+            said = f"opening of street {opening.index(text)} is {text!r:.60}"
+            raise TownError(f"{said}; it must be times of the week, such as Mo-Fr 08:00-18:00", field="opening")

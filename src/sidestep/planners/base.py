@@ -37,7 +37,7 @@ class Planner(Protocol):
     A planner is a class with four attributes and one method. It keeps no state: ``plan`` returns all that it works out
     before the walks begin, and ``decide`` is a pure JAX function of one walker, which ``jax.vmap`` and ``jax.jit`` turn
     into a compiled program for many. Exits are the segments that leave a node, in the order of ``network.exit_node``
-    and ``network.exit_segment``; ``observation.valid`` says which of them exist.
+    and ``network.exit_segment``; ``observation.valid`` says which of them may be taken.
 
     See Also
     --------
@@ -139,7 +139,7 @@ def keep_to_plan(
     Returns
     -------
     Int[Array, ""]
-        Where the table allows several exits, one of them at random; where it allows none, any.
+        Where the table allows several exits, one of them at random; where it allows none, any valid one.
     """
     if own.ndim == 1:
         return own[jnp.minimum(observation.steps, own.shape[0] - 1)]

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -11,14 +12,13 @@ from sidestep.planners.shortest_path import distances_to, table_per_walk
 
 
 class RandomWalk(Planned):
-    """Take any exit with the same probability."""
+    """Take any exit that may be taken with the same probability."""
 
     name: ClassVar[str] = "random-walk"
     level: ClassVar[Level] = "position"
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        valid = params.network.valid
-        return Plan(None, jnp.broadcast_to(valid, (instances.origin.shape[0], *valid.shape)))
+        return Plan(None, jax.vmap(params.network.exits_to)(instances.destination))
 
 
 class RandomProgress(Planned):
@@ -29,10 +29,10 @@ class RandomProgress(Planned):
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
         network = params.network
-        valid, exit_node = np.asarray(network.valid), np.asarray(network.exit_node)
+        exit_node = np.asarray(network.exit_node)
 
         def exits_ahead(destination: int) -> np.ndarray:
             hops = distances_to(network, np.ones(network.segments), destination)
-            return valid & (hops[exit_node] < hops[:, None])
+            return np.asarray(network.exits_to(jnp.int32(destination))) & (hops[exit_node] < hops[:, None])
 
-        return Plan(None, table_per_walk(instances, exits_ahead))
+        return Plan(None, table_per_walk(exits_ahead, np.asarray(instances.destination)))

@@ -3,14 +3,16 @@
 from collections.abc import Callable
 from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Plan, Planned
+from sidestep.walking.speed_laws import FREE_SPEED
 
 
 class ShortestPath(Planned):
@@ -18,21 +20,28 @@ class ShortestPath(Planned):
 
     By SciPy's Dijkstra. The paper uses A*, which finds the same path; but on the paper's random lengths straight lines
     are no lower bound, as its heuristic would have to be.
+
+    A street that is shut at the departure counts as longer, by the metres that one walks until it opens.
     """
 
     name: ClassVar[str] = "shortest-path"
     level: ClassVar[Level] = "map"
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        network = params.network
-        valid, exit_node = np.asarray(network.valid), np.asarray(network.exit_node)
-        length, exit_segment = np.asarray(network.length), np.asarray(network.exit_segment)
+        network, every = params.network, jnp.arange(params.network.segments)
+        exit_node, exit_segment = np.asarray(network.exit_node), np.asarray(network.exit_segment)
+        hour = np.asarray(params.futures.hour)[np.asarray(instances.future)]
+        departures = np.stack([hour, np.asarray(instances.departure)], axis=1) * params.waits.gates
 
-        def best_exits(destination: int) -> np.ndarray:
+        def best_exits(destination: int, departure: Float[np.ndarray, "2"]) -> np.ndarray:
+            hour, clock = jnp.asarray(departure)
+            shut = params.waits.until_open(hour, every, jnp.full(every.shape, clock))
+            length = np.asarray(network.length + FREE_SPEED * shut)
             ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
+            valid = np.asarray(network.exits_to(jnp.int32(destination)))
             return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]
 
-        return Plan(None, table_per_walk(instances, best_exits))
+        return Plan(None, table_per_walk(best_exits, np.asarray(instances.destination), departures))
 
 
 def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> Float[np.ndarray, " node"]:
@@ -50,17 +59,35 @@ def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> 
     Returns
     -------
     Float[np.ndarray, " node"]
-        Infinite where no path leads to the destination.
+        Infinite where no path leads to the destination that a walk may take.
     """
     # Backwards, row by row: as a list of (head, tail, weight) SciPy would add up parallel segments.
     tail, head = np.asarray(network.tail), np.asarray(network.head)
-    order = np.argsort(head, kind="stable")
+    walked = np.flatnonzero(network.may_take(jnp.int32(destination)))
+    order = walked[np.argsort(head[walked], kind="stable")]
     first = np.searchsorted(head[order], np.arange(network.nodes + 1))
     graph = csr_array((weight[order].astype(np.float64), tail[order], first), shape=(network.nodes, network.nodes))
     return dijkstra(graph, indices=destination)
 
 
-def table_per_walk(instances: Instance, table_for: Callable[[int], np.ndarray]) -> Bool[np.ndarray, "walk node exit"]:
-    """Give each walk the table of its destination; walks to the same destination share the work, not the memory."""
-    destinations, which = np.unique(np.asarray(instances.destination), return_inverse=True)
-    return np.stack([table_for(int(destination)) for destination in destinations])[which]
+def table_per_walk(
+    table_for: Callable[..., Bool[np.ndarray, "node exit"]], destination: Int[np.ndarray, " walk"], *more: np.ndarray
+) -> Bool[np.ndarray, "walk node exit"]:
+    """Give each walk the table of its destination; walks that are alike share the work, not the memory.
+
+    Parameters
+    ----------
+    table_for
+        Makes a table for a destination, and for what else tells walks apart.
+    destination, more
+        Of each walk.
+
+    Returns
+    -------
+    Bool[np.ndarray, "walk node exit"]
+        The table of each.
+    """
+    alike = np.column_stack([destination, *more])
+    _, first, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
+    tables = [table_for(int(destination[walk]), *(each[walk] for each in more)) for walk in first.tolist()]
+    return np.stack(tables)[which.reshape(-1)]

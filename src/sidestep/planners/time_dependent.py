@@ -68,7 +68,7 @@ def earliest_arrivals(
     origin, departure
         Where the walk begins, and at which clock.
     destination
-        If there is one, clocks are found only of nodes that are reached before it.
+        If there is one, clocks are found only of nodes that are reached before it on the way there.
 
     Returns
     -------
@@ -88,6 +88,9 @@ def earliest_arrivals(
     def limit(arrival: Float[Array, " node"]) -> Float[Array, ""]:
         return jnp.float32(jnp.inf) if destination is None else arrival[destination]
 
+    def may_take(node: Int[Array, " n"]) -> Bool[Array, "n exit"]:
+        return network.exits_from(origin, node) if destination is None else network.exits_to(destination, node)
+
     def improve(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         arrival, via, due, least = carry
         earliest, group = jax.lax.top_k(-least, several)
@@ -100,7 +103,7 @@ def earliest_arrivals(
         goes = clock < limit(arrival)
         segment = network.exit_segment[node]
         there = jax.vmap(jax.vmap(leave, (0, None)))(segment, jnp.where(goes, clock, 0.0))
-        there = jnp.where((segment >= 0) & goes[:, None], there, jnp.inf).reshape(-1)
+        there = jnp.where(may_take(node) & goes[:, None], there, jnp.inf).reshape(-1)
         segment, head = segment.reshape(-1), network.exit_node[node].reshape(-1)
         better = (there < arrival[head]) & (there < limit(arrival))
         arrival = arrival.at[jnp.where(better, head, none)].min(there, mode="drop")
@@ -138,7 +141,7 @@ STEP = 60.0
 """Seconds between the clocks for which costs are tabulated."""
 
 FINE_STEP = 15.0
-"""The same where costs jump: at traffic lights, and where a street becomes too dense."""
+"""The same where costs jump: at traffic lights, at gates, and where a street becomes too dense."""
 
 LEAST_STEPS = 1_000
 """Least length of a plan: it may pay to walk to and fro for a while."""
@@ -170,7 +173,7 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
     I. Chabini, Discrete dynamic shortest path problems in transportation applications (1998).
     """
     network, wait, destination = params.network, params.wait_in(instance.future), instance.destination
-    jumps = params.waits.phases or params.objective.jumps
+    jumps = params.waits.jumps or params.objective.jumps
     every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
     table = field_cost_to_go(params, field, wait, jnp.arange(network.nodes) == destination, every=every)
     longest = max(4 * network.nodes, LEAST_STEPS)
@@ -180,7 +183,8 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
         onto, segment = network.exit_node[node], network.exit_segment[node]
         ahead = jax.vmap(lambda one: cross_at_speeds(params, field.of(one), wait, one, clock))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
-        best = jnp.argmin(jnp.where(network.valid[node], ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
+        valid = network.exits_to(destination, node)
+        best = jnp.argmin(jnp.where(valid, ahead.cost + to_go, jnp.inf)).astype(jnp.int32)
         return onto[best], clock + ahead.seconds[best], path.at[steps].set(best), steps + 1
 
     start = (instance.origin, instance.departure, jnp.zeros(longest, jnp.int32), jnp.int32(0))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.network.geodesy import Projection
+from sidestep.scenarios.values import DAYS
 
 SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""
@@ -44,6 +45,12 @@ class Leg:
     minutes: float
     """Time, with the wait before it."""
 
+    opens: str | None = None
+    """Time of day at which the street opens, where walkers wait before it until then."""
+
+    minutes_until_open: float = 0.0
+    """Minutes of that wait."""
+
     density: float
     """Persons/m² as its middle is reached."""
 
@@ -77,7 +84,7 @@ class Step:
     """Legs along streets of one name: one line of the directions."""
 
     turn: str
-    """What to do where it begins."""
+    """What to do where it begins: "wait until 06:00, then turn left" where the street is shut till then."""
 
     street: str
     """What people call the street."""
@@ -121,6 +128,28 @@ def compass_word(bearing: float) -> str:
     return _COMPASS[round(bearing / 45) % 8]
 
 
+def opening_word(hour: float, clock: float, shut: float) -> str | None:
+    """Say when a street opens.
+
+    Parameters
+    ----------
+    hour
+        Hour of the week at clock 0, 0 is Monday 0:00.
+    clock, shut
+        When a walker comes there, and seconds until the street opens.
+
+    Returns
+    -------
+    str or None
+        Time of day, with the day of the week where that is a day away or more; None where the street is open.
+    """
+    if shut <= 0:
+        return None
+    minute = round(60 * hour + (clock + shut) / 60)
+    time = f"{minute // 60 % 24:02}:{minute % 60:02}"
+    return time if shut < 24 * 3600 else f"{DAYS[minute // (24 * 60) % 7]} {time}"
+
+
 def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
     """Bearings in which a course begins and ends.
 
@@ -147,13 +176,18 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
 
 
 def directions(legs: Sequence[Leg]) -> list[Step]:
-    """Turn by turn: streets of one name are joined, and unnamed ones of one kind where they lead straight on."""
+    """Turn by turn: streets of one name are joined, and unnamed ones of one kind where they lead straight on.
+
+    A gate at which walkers wait begins a new line.
+    """
     groups: list[tuple[str, int, list[Leg]]] = []
     ended = 0.0
     for number, leg in enumerate(legs):
         begins, ends = bearings(np.array(leg.coordinates))
         turn = turn_word(ended, begins) if groups else f"head {compass_word(begins)}"
-        if groups and _joins(legs[number - 1], leg, turn):
+        if leg.opens is not None:
+            groups.append((f"wait until {leg.opens}, then {turn}", number, [leg]))
+        elif groups and _joins(legs[number - 1], leg, turn):
             groups[-1][2].append(leg)
         else:
             groups.append((turn, number, [leg]))

@@ -15,7 +15,7 @@ from sidestep.environment.types import EnvParams, Instance
 from sidestep.evaluation.metrics import spread
 from sidestep.planners.base import Plan, Planner, Route, routes, walk_plan
 from sidestep.planners.reactive import Snapshot
-from sidestep.routing.directions import Leg, crowding_word, mean_density
+from sidestep.routing.directions import Leg, crowding_word, mean_density, opening_word
 from sidestep.routing.locate import LocatedRequest
 from sidestep.routing.plan import BaselineTimes, RoutePlan, WalkTimes
 from sidestep.routing.request import RouteError
@@ -205,15 +205,18 @@ _cross = jax.jit(cross)
 def _legs(alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route) -> list[Leg]:
     """The segments of a route through the expected crowds, whose densities are given in persons/m²."""
     params = replace(alone, objective=alone.objective.measured())  # crossings then tell the crowds that they met
-    length, expected = np.asarray(alone.network.length), alone.expected
+    length, expected, hour = np.asarray(alone.network.length), alone.expected, float(alone.futures.hour[0])
 
     def leg(segment: int, before: float, after: float) -> Leg:
         crossed = _cross(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
+        shut = float(params.gates_in(jnp.int32(0))(jnp.int32(segment), jnp.float32(before)))
         slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
         return Leg(
             segment=segment,
             metres=float(length[segment]),
             minutes=(after - before) / 60,
+            opens=opening_word(hour, before, shut),
+            minutes_until_open=shut / 60,
             density=float(density[segment, slot]),
             exposure=float(crossed.measures["exposure"]),
             too_dense=bool(crossed.measures["too_dense"]),

@@ -29,6 +29,7 @@ from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Grid, Place, Traffic, Venue
 from sidestep.scenarios.spec import Fault, ScenarioError
 from sidestep.scenarios.stations import check_ways, crossings, nearest
+from sidestep.walking.opening import AnyWaits, with_opening_times
 from sidestep.walking.speed_laws import Law
 from sidestep.walking.waits import NoWaits, Waits
 
@@ -61,8 +62,8 @@ class ScenarioMap(eqx.Module):
     """Nodes where walks begin; none: anywhere."""
     destinations: tuple[int, ...] = eqx.field(static=True, default=())
     """Nodes where walks end; none: anywhere."""
-    waits: Waits | NoWaits = NoWaits()
-    """At lights and for gaps in the traffic."""
+    waits: AnyWaits = NoWaits()
+    """At gates, at lights and for gaps in the traffic."""
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
@@ -88,7 +89,10 @@ class ScenarioMap(eqx.Module):
     def fingerprint(self) -> str:
         """The same for the same streets with the same expected crowds, whatever the speed law, and for no others."""
         told = (self.network, self.flow, self.waits)
-        digest = hashlib.sha256(str(jax.tree.structure(told)).encode())
+        network, *others = (str(jax.tree.structure(each)).removeprefix("PyTreeDef(")[:-1] for each in told)
+        # What a network has none of is left out: older models, which know of no such thing, keep their maps.
+        structure = ", ".join([network.replace(", None", ""), *others])
+        digest = hashlib.sha256(f"PyTreeDef(({structure}))".encode())
         for leaf in jax.tree.leaves(told):
             digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
         return digest.hexdigest()[:16]
@@ -283,19 +287,19 @@ def attribution_of(place: Place) -> str:
     return town_of(place.streets).attribution if place.streets else ""
 
 
-def waits_of(snapper: Snapper, traffic: Traffic | None) -> Waits | NoWaits:
-    """What walkers in a venue wait for: the lights and crossings that its streets have, both ways alike.
+def waits_of(snapper: Snapper, traffic: Traffic | None) -> AnyWaits:
+    """What walkers in a venue wait for: gates, lights and crossings that its streets have, both ways alike.
 
     Parameters
     ----------
     snapper
         The streets.
     traffic
-        The vehicles; without them nobody waits.
+        The vehicles; without them nobody waits where streets are open.
 
     Returns
     -------
-    Waits | NoWaits
+    AnyWaits
         The waits before each segment.
 
     Raises
@@ -303,9 +307,10 @@ def waits_of(snapper: Snapper, traffic: Traffic | None) -> Waits | NoWaits:
     ScenarioError
         A light outside the town.
     """
+    town, (street, _) = snapper.town, snapper.town.street_of_segment()
+    opening = [town.opening[number] for number in street.tolist()]
     if traffic is None:
-        return NoWaits()
-    town = snapper.town
+        return with_opening_times(NoWaits(), opening)
     drawn = np.random.default_rng([traffic.seed, town.streets]).uniform(0, traffic.cycle, town.streets)
     timing = np.broadcast_arrays(traffic.cycle, traffic.green, drawn)
     # One row a street: its lights and its other crossings; cycle, green and offset of the first light.
@@ -313,10 +318,10 @@ def waits_of(snapper: Snapper, traffic: Traffic | None) -> Waits | NoWaits:
     for light in traffic.lights:
         row = rows[nearest(snapper, light.place, "lights", light.name).street]
         row[:] = max(row[0], 1), row[1], light.cycle, light.green, light.offset
-    street, _ = town.street_of_segment()
     lights, others, cycle, green, offset = (jnp.asarray(column[street], jnp.float32) for column in rows.T)
     vehicles = jnp.asarray(DAY_OF_TRAFFIC, jnp.float32) * traffic.vehicles / HOUR
-    return Waits(lights, others, cycle, green, offset, vehicles, traffic.critical_gap)
+    waits = Waits(lights, others, cycle, green, offset, vehicles, traffic.critical_gap)
+    return with_opening_times(waits, opening)
 
 
 def mistakes(venue: Venue) -> list[Fault]:

@@ -1,13 +1,12 @@
 """Where things of a venue are on its streets: sensors, lights, origins and destinations."""
 
-from functools import partial
-
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order
 
-from sidestep.network.graph import RoadNetwork
+from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.network.snapping import Snapper, StreetPoint
 from sidestep.network.town import TownError
 from sidestep.scenarios.places import Sensor
@@ -146,7 +145,7 @@ def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tup
     """Make sure that a path leads to each destination from wherever walkers may stray.
 
     Imported towns are in one part. Those of other programs need not be, and a walker must not come to a crossing from
-    which no path leads on.
+    which no path leads on. Nobody strays into restricted areas that the walk does not end in.
 
     Parameters
     ----------
@@ -164,19 +163,48 @@ def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tup
         raise ScenarioError(
             f"destinations: crossing {origins[0]} is the only origin, so nobody walks there", field="destinations"
         )
-    ways = (np.ones(network.segments), (np.asarray(network.tail), np.asarray(network.head)))
-    forth = csr_array(ways, shape=(network.nodes,) * 2)
-    back, nodes = forth.T.tocsr(), np.arange(network.nodes)
-    reached = partial(breadth_first_order, return_predecessors=False)
-    strays = np.unique(np.concatenate([reached(forth, node) for node in origins])) if origins else nodes
-    if not destinations:  # if all come to one crossing, and from there to all, then all come to all
-        first = int(strays[0])
-        destinations = (first, *np.setdiff1d(nodes, reached(forth, first)).tolist()[:1])
+    if not destinations:
+        _check_everywhere(network, origins)
     for destination in destinations:
-        lost = np.setdiff1d(strays, reached(back, destination))
-        if len(lost):
-            raise ScenarioError(
-                f"no path leads from crossing {lost[0]} to crossing {destination}; choose origins and destinations in "
-                "the part of the town in which all crossings reach each other, or import the streets by sidestep "
-                "import-osm, which keeps it",
-            )
+        taken = np.asarray(network.may_take(jnp.int32(destination)))
+        strays = _reached(network, taken, *origins) if origins else np.arange(network.nodes)
+        _refuse(np.setdiff1d(strays, _reached(network, taken, destination, back=True)), destination)
+
+
+def _check_everywhere(network: RoadNetwork, origins: tuple[int, ...]) -> None:
+    """The same for walks to any crossing that walkers come to."""
+    strays = np.arange(network.nodes)
+    if origins:
+        strays = np.unique(np.concatenate([_reached(network, _from(network, node), node) for node in origins]))
+    # If all come to one crossing, and from there to all, then all come to all. It is in no restricted area, where there
+    # is such a crossing: then nobody on the way to it enters one.
+    outside = strays if network.area is None else strays[np.asarray(network.area)[strays] == ABSENT]
+    first = int((*outside, *strays)[0])
+    taken = np.asarray(network.may_take(jnp.int32(first)))
+    _refuse(np.setdiff1d(strays, _reached(network, taken, first, back=True)), first)
+    for lost in np.setdiff1d(np.arange(network.nodes), _reached(network, _from(network, first), first)).tolist():
+        _refuse([first], lost)
+
+
+def _from(network: RoadNetwork, origin: int) -> Bool[np.ndarray, " segment"]:
+    """Which segments walks from a crossing take, wherever they end."""
+    valid, taken = network.exits_from(jnp.int32(origin)), jnp.zeros(network.segments, bool)
+    return np.asarray(taken.at[network.exit_segment].max(valid))
+
+
+def _reached(
+    network: RoadNetwork, taken: Bool[np.ndarray, " segment"], *starts: int, back: bool = False
+) -> Int[np.ndarray, " reached"]:
+    """Nodes to which paths over the segments taken lead from any of some nodes or, if ``back``, from which to them."""
+    tail, head = (np.asarray(each)[taken] for each in (network.tail, network.head))
+    ways = csr_array((np.ones(len(tail)), (head, tail) if back else (tail, head)), shape=(network.nodes,) * 2)
+    return np.unique(np.concatenate([breadth_first_order(ways, node, return_predecessors=False) for node in starts]))
+
+
+def _refuse(lost: Int[np.ndarray, " node"] | list[int], destination: int) -> None:
+    if len(lost):
+        raise ScenarioError(
+            f"no path leads from crossing {lost[0]} to crossing {destination}; choose origins and destinations in "
+            "the part of the town in which all crossings reach each other, or import the streets by sidestep "
+            "import-osm, which keeps it",
+        )

@@ -55,7 +55,14 @@ def light_phases(futures: int) -> Float[Array, " future"]:
 class NoWaits(eqx.Module):
     """Streets without traffic, the neutral element: nobody waits."""
 
-    phases: ClassVar[bool] = False
+    gates: ClassVar[bool] = False
+    """Whether streets are shut at times (:class:`sidestep.walking.opening.OpeningTimes`)."""
+    jumps: ClassVar[bool] = False
+    """Whether waits jump from one moment to the next, known beforehand to those who plan with them."""
+
+    def until_open(self, _hour: Scalar, _segment: Segments, clock: Clocks) -> Clocks:
+        """Nothing is ever shut."""
+        return jnp.zeros_like(clock)
 
     def seconds(self, _hour: Scalar, _phase: Scalar, _segment: Segments, clock: Clocks) -> Clocks:
         """No wait."""
@@ -79,6 +86,8 @@ class Waits(eqx.Module):
     delay of gap acceptance, which grows with the traffic of the hour.
     """
 
+    gates: ClassVar[bool] = False
+
     lights: Float[Array, " segment"]
     """Crossings with lights on each segment."""
     unsignalised: Float[Array, " segment"]
@@ -95,6 +104,14 @@ class Waits(eqx.Module):
     """Gap between vehicles that walkers need, in s."""
     phases: bool = eqx.field(static=True, default=True)
     """Whether lights have phases; else all take their mean wait."""
+
+    @property
+    def jumps(self) -> bool:
+        return self.phases
+
+    def until_open(self, _hour: Scalar, _segment: Segments, clock: Clocks) -> Clocks:
+        """Nothing is ever shut."""
+        return jnp.zeros_like(clock)
 
     def seconds(self, hour: Scalar, phase: Scalar, segment: Segments, clock: Clocks) -> Clocks:
         """Wait before segments.

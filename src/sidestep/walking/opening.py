@@ -1,0 +1,103 @@
+"""Waiting before streets that are shut at times, such as parks at night, until they open.
+
+The clock at entry decides: who comes in time walks to the end. Nobody who comes later leaves earlier (FIFO), since
+everybody who waits leaves as the street opens. Waits are exact to the second: opening times are known by the minute.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int, Int16
+
+from sidestep.network.opening_hours import WEEK, OpenMinutes, open_minutes
+from sidestep.walking.waits import HOUR, Clocks, NoWaits, Scalar, Segments, Waits
+
+MINUTE = 60
+
+
+class OpeningTimes(eqx.Module):
+    """What keeps walkers waiting before streets that are not always open: first the gate, and then the traffic."""
+
+    gates: ClassVar[bool] = True
+    jumps: ClassVar[bool] = True
+
+    opens_in: Int16[Array, "timetable 10080"]
+    """Minutes from each minute of the week, from Monday 0:00, to the next one that is open; 0 in those that are."""
+    timetable: Int[Array, " segment"]
+    """Which of these each segment has."""
+    traffic: Waits | NoWaits
+    """What walkers wait for where the street is open."""
+
+    def until_open(self, hour: Scalar, segment: Segments, clock: Clocks) -> Clocks:
+        """Time until segments open.
+
+        Parameters
+        ----------
+        hour
+            Hour of the week at clock 0, to the second.
+        segment, clock
+            Where and when walkers come.
+
+        Returns
+        -------
+        seconds
+            0 where the segment is open.
+        """
+        whole = jnp.floor(clock)  # in whole numbers, since single precision has no week to the second
+        second = jnp.round(hour * HOUR).astype(jnp.int32) + whole.astype(jnp.int32)
+        minutes = self.opens_in[self.timetable[segment], second // MINUTE % WEEK].astype(jnp.int32)
+        seconds = (minutes * MINUTE - second % MINUTE).astype(float) - (clock - whole)
+        return jnp.where(minutes > 0, seconds, 0.0)
+
+    def seconds(self, hour: Scalar, phase: Scalar, segment: Segments, clock: Clocks) -> Clocks:
+        """Wait before segments: see :meth:`sidestep.walking.waits.Waits.seconds`."""
+        shut = self.until_open(hour, segment, clock)
+        return shut + self.traffic.seconds(hour, phase, segment, clock + shut)
+
+    def averaged(self) -> "OpeningTimes":
+        """The same with all lights at their mean wait."""
+        return replace(self, traffic=self.traffic.averaged())
+
+    def on_pieces(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "OpeningTimes":
+        """The same on pieces of the segments. Each has the opening times of its street: the gate may be on any."""
+        return replace(self, timetable=self.timetable[parent], traffic=self.traffic.on_pieces(parent, first))
+
+
+AnyWaits = OpeningTimes | Waits | NoWaits
+"""All have the methods of :class:`sidestep.walking.waits.NoWaits`."""
+
+
+def with_opening_times(traffic: Waits | NoWaits, opening: Sequence[str]) -> AnyWaits:
+    """Add gates to what walkers wait for.
+
+    Parameters
+    ----------
+    traffic
+        The waits on streets that are open.
+    opening
+        When each segment is open, as in a `sidestep.network.town.Town`.
+
+    Returns
+    -------
+    AnyWaits
+        ``traffic`` itself where everything is always open.
+    """
+    timetables = {text: number for number, text in enumerate(dict.fromkeys(["", *opening]))}
+    if len(timetables) == 1:
+        return traffic
+    opens_in = np.stack([_minutes_to_open(np.asarray(open_minutes(text))) for text in timetables])
+    return OpeningTimes(jnp.asarray(opens_in), jnp.asarray([timetables[text] for text in opening]), traffic)
+
+
+def _minutes_to_open(opened: OpenMinutes) -> Int16[np.ndarray, "10080"]:
+    """Minutes to the next open one; a whole week where there is none."""
+    every = np.arange(WEEK)
+    begins = np.flatnonzero(opened)
+    if not len(begins):
+        return np.full(WEEK, WEEK, np.int16)
+    following = np.append(begins, begins[0] + WEEK)
+    return (following[np.searchsorted(begins, every)] - every).astype(np.int16)
