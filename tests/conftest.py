@@ -29,8 +29,11 @@ install_import_hook(
 
 from sidestep.environment.types import EnvParams, Instance, futures_in_turn  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
+from sidestep.network.town import Town  # noqa: E402
 from sidestep.walking.crossing_time import CrossingRule  # noqa: E402
+from sidestep.walking.opening import AnyWaits, with_opening_times  # noqa: E402
 from sidestep.walking.speed_field import SpeedField, speed_field  # noqa: E402
+from sidestep.walking.waits import NoWaits  # noqa: E402
 
 # The same examples in every run, and no time limit on one: the first of each compiles.
 settings.register_profile("sidestep", derandomize=True, deadline=None)
@@ -80,6 +83,49 @@ def diamond() -> RoadNetwork:
         head=[1, 3, 2, 3, 0, 1, 0, 2],
         length=[100, 200, 150, 250, 100, 200, 150, 250],
     )
+
+
+@pytest.fixture(scope="session")
+def make_town() -> Callable[..., Town]:
+    """A town of straight streets about the equator, from the crossings' x and y in m and the streets' ends."""
+
+    def make(xy: np.ndarray, ends: list[tuple[int, int]], **columns: object) -> Town:
+        place, pairs, streets = np.asarray(xy) / 111_195.08, np.array(ends), len(ends)
+        length = np.linalg.norm(np.asarray(xy, float)[pairs[:, 0]] - np.asarray(xy, float)[pairs[:, 1]], axis=1)
+        straight = dict(
+            place=place, ids=1000 + np.arange(len(place)), one_way=np.zeros(streets, bool), length=length,
+            width=np.full(streets, 2.0), kind=("footway",) * streets, name=("",) * streets,
+            signals=np.zeros(streets), crossings=np.zeros(streets), points=place[pairs.ravel()],
+            first=np.arange(0, 2 * streets + 1, 2), attribution="nobody",
+        )  # fmt: skip
+        return Town.of_streets(pairs, **(straight | columns))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def block(make_town) -> Callable[..., Town]:
+    """Footways 120 m apart that cross in 4 x 4 nodes, and "Test", 170 m from node 5 to node 10: the last street."""
+    xy = 120.0 * np.stack([np.arange(16) % 4, np.arange(16) // 4], axis=1)
+    ends = [(i, i + 1) for i in range(16) if i % 4 < 3] + [(i, i + 4) for i in range(12)] + [(5, 10)]
+
+    def make(opening: str = "", *, restricted: bool = False, **columns: object) -> Town:
+        last = np.arange(len(ends)) == len(ends) - 1
+        times, names = (("",) * (len(ends) - 1) + (word,) for word in (opening, "Test"))
+        return make_town(xy, ends, opening=times, name=names, restricted=last & restricted, **columns)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def gates() -> Callable[[Town], AnyWaits]:
+    """The opening times of a town's streets, and nothing else to wait for."""
+
+    def of(town: Town) -> AnyWaits:
+        street, _ = town.street_of_segment()
+        return with_opening_times(NoWaits(), [town.opening[number] for number in street.tolist()])
+
+    return of
 
 
 @pytest.fixture(scope="session")

@@ -176,10 +176,7 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
 
 
 def directions(legs: Sequence[Leg]) -> list[Step]:
-    """Turn by turn: streets of one name are joined, and unnamed ones of one kind where they lead straight on.
-
-    A gate at which walkers wait begins a new line.
-    """
+    """Turn by turn: a street's name, or a kind that leads straight on, is one line; a wait at a gate begins another."""
     groups: list[tuple[str, int, list[Leg]]] = []
     ended = 0.0
     for number, leg in enumerate(legs):
