@@ -89,3 +89,21 @@ def test_paths_that_are_missing() -> None:
         check_ways(islands, (0,), (3,))
     with pytest.raises(ScenarioError, match="from crossing 0 to crossing 2"):
         check_ways(islands, (0, 1), ())
+
+
+def test_restricted_areas_are_no_place_to_stray(make_town, block) -> None:
+    check_ways(block(restricted=True).network(), (), ())
+    # 0 and 1; from 0 a restricted one-way street to 2, from where nothing leads on.
+    ends, restricted = [(0, 1), (0, 2)], np.array([False, True])
+    town = make_town([(0, 0), (100, 0), (0, 50)], ends, restricted=restricted, one_way=restricted)
+    network = town.network()
+    check_ways(network, (0,), (1,))
+    check_ways(network, (0, 1), (2,))
+    for origins, destinations, message in (((), (1,), "from crossing 2 to crossing 1"), ((0,), (), "from crossing 2")):
+        with pytest.raises(ScenarioError, match=message):
+            check_ways(network, origins, destinations)
+    # Nor are streets that are never open a way.
+    shut = make_town([(0, 0), (100, 0), (0, 50)], ends, opening=("", "off")).network()
+    with pytest.raises(ScenarioError, match="crossing 2"):
+        check_ways(shut, (0,), (2,))
+    check_ways(shut, (0,), (1,))
