@@ -1,5 +1,7 @@
 """Speeds from counters are those of a dense field."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -99,6 +101,25 @@ def test_replaced_futures() -> None:
     np.testing.assert_array_equal(after.crowds.weights.weight, LINE_SPREAD.weight)
     np.testing.assert_array_equal(after.crowds.counted[1], few.crowds.counted[1])
     np.testing.assert_array_equal(after.crowds.counted[::2], jnp.full((2, 4, 3), 0.7))
+
+
+def test_paces_slow_walkers_down_wherever_speeds_are_asked_for() -> None:
+    pace = jnp.array([1.0, 0.5, 1.0, 0.25, 1.0])
+    stairs, counted = replace(LINE, pace=pace), np.arange(24, dtype=np.float32).reshape(2, 4, 3) / 10
+    crowds = SensedField(jnp.asarray(counted), LINE_SPREAD, SLOT)
+    slower, level = (walking_speeds(network, crowds, LAW) for network in (stairs, LINE))
+    assert (slower.pace is pace, level.pace) == (True, None)
+    future, segments = jnp.int32(1), jnp.arange(5)
+    at = [each.at(future, segments, jnp.int32(2)) for each in (slower, level)]
+    np.testing.assert_allclose(at[0], pace * at[1], rtol=1e-6)
+    np.testing.assert_allclose(slower.of(future).speed, pace[:, None] * level.of(future).speed, rtol=1e-6)
+    rows = [each.row(future, jnp.int32(3)) for each in (slower, level)]
+    np.testing.assert_allclose(rows[0].speed, 0.25 * rows[1].speed, rtol=1e-6)
+    np.testing.assert_allclose(rows[0].covered, 0.25 * rows[1].covered, rtol=1e-6)
+    np.testing.assert_array_equal(rows[0].density, rows[1].density)
+    assert slower.first(1).pace is slower.scaled(2.0).pace is pace
+    slower, level = (dense_speeds(network, FlowField(VOLUME, SLOT), LAW) for network in (stairs, LINE))
+    np.testing.assert_allclose(slower.speed, pace[:, None] * level.speed, rtol=1e-6)
 
 
 def test_denser_crowds() -> None:

@@ -114,6 +114,18 @@ def test_pieces_of_a_segment_wait_where_it_begins() -> None:
     assert NoWaits().on_pieces(parent, first) == NoWaits()
 
 
+def test_lifts_take_their_time_after_everything_else() -> None:
+    lifts = jnp.array([0.0, 60.0, 15.0])
+    assert seconds(waits().with_fixed(lifts), 50.0) == pytest.approx([60, 100 + 60, 2 * DELAY + 15], rel=1e-5)
+    alone = NoWaits().with_fixed(lifts)
+    assert not alone.phases
+    for found in (alone, alone.averaged()):
+        assert seconds(found, 50.0, 7.0, 3.0) == [0, 60, 15]
+    parent, first = jnp.array([0, 1, 2, 1]), jnp.array([True, False, True, True])
+    pieces = alone.on_pieces(parent, first).seconds(MONDAY, IN_STEP, jnp.arange(4), jnp.full(4, 50.0))
+    assert pieces.tolist() == [0, 0, 15, 60]
+
+
 def test_without_traffic_nobody_waits() -> None:
     none = NoWaits()
     assert seconds(none, 50.0, 7.0, 3.0) == [0, 0, 0]

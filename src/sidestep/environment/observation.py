@@ -12,7 +12,6 @@ from sidestep.environment.types import RECENT_NODES, EnvParams, EnvState, Expect
 from sidestep.walking.crossing_time import slot_at
 from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import Speeds
-from sidestep.walking.speed_laws import FREE_SPEED
 
 EMPTY = 0.02
 """Persons/m² that make no difference to :attr:`sidestep.environment.types.Expected.log_density_ratio`."""
@@ -78,7 +77,7 @@ def _local(params: EnvParams, state: EnvState) -> tuple[Local, Exits]:
     )
     metres = jnp.linalg.norm(local.onward, axis=1)
     # Nobody is met on streets that are not seen.
-    speed, nobody = jnp.full_like(metres, FREE_SPEED), partial(jnp.zeros_like, metres)
+    speed, nobody = jnp.full_like(metres, params.free_speed), partial(jnp.zeros_like, metres)
     empty = static_crossing(params, metres, speed, nobody)
     return local, local.cost + empty.cost + _turning_back(params, local)
 

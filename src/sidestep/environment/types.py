@@ -13,6 +13,7 @@ from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.objective import Crossing, Objective, TravelTime
 from sidestep.walking.opening import AnyWaits
 from sidestep.walking.speed_field import Speeds
+from sidestep.walking.speed_laws import FREE_SPEED
 from sidestep.walking.waits import NoWaits, Wait, light_phases
 
 Level = Literal["position", "local", "map", "live", "hindsight"]
@@ -138,6 +139,8 @@ class EnvParams(eqx.Module):
     """At gates, at lights and for gaps in the traffic."""
     cost_to_go: ExpectedCostToGo | None = None
     """None below level ``map``."""
+    free_speed: float = eqx.field(static=True, default=FREE_SPEED)
+    """Speed of walkers in an empty street, m/s."""
 
     def wait_in(self, future: Int[Array, ""]) -> Wait:
         """How long walkers wait before segments in one of the futures."""

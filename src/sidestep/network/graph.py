@@ -63,6 +63,8 @@ class RoadNetwork(eqx.Module):
     enters: Int[Array, " segment"] | None = None
     """Restricted area that each segment enters from outside, -1 where it enters none; -2 on segments that are never
     open. None where there are no such areas."""
+    pace: Float[Array, " segment"] | None = None
+    """Speed on each segment over that on level ground, for those who walk here; None where all are 1."""
 
     @property
     def nodes(self) -> int:

@@ -111,6 +111,8 @@ class SensedSpeeds(eqx.Module):
     """Densities at the counters, with a leading axis of futures."""
     law: SpeedLaw
     """Speed by density."""
+    pace: Float[Array, " segment"] | None = None
+    """As in :class:`sidestep.network.graph.RoadNetwork`."""
 
     @property
     def slot_seconds(self) -> float:
@@ -126,14 +128,14 @@ class SensedSpeeds(eqx.Module):
 
     def of(self, future: Index) -> SpeedField:
         density = self.crowds.weights.everywhere(self.crowds.counted[future])
-        return speed_field(self.law.speed(density).T, self.slot_seconds, density.T)
+        return speed_field(_paced(self.law.speed(density), self.pace).T, self.slot_seconds, density.T)
 
     def row(self, future: Index, segment: Index) -> SpeedField:
         density = self.crowds.densities(future, segment)
-        return speed_field(self.law.speed(density), self.slot_seconds, density)
+        return speed_field(self._on(segment, density), self.slot_seconds, density)
 
     def at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
-        return self.law.speed(self.density_at(future, segment, slot))
+        return self._on(segment, self.density_at(future, segment, slot))
 
     def density_at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         return self.crowds.density_at(future, segment, slot)
@@ -152,7 +154,10 @@ class SensedSpeeds(eqx.Module):
         return self.crowds
 
     def _of(self, counted: Float[Array, "future slot sensor"]) -> "SensedSpeeds":
-        return SensedSpeeds(replace(self.crowds, counted=counted), self.law)
+        return replace(self, crowds=replace(self.crowds, counted=counted))
+
+    def _on(self, segment: Segments, density: Float[Array, "*m"]) -> Float[Array, "*m"]:
+        return _paced(self.law.speed(density), None if self.pace is None else self.pace[segment])
 
 
 Speeds = SpeedField | SensedSpeeds
@@ -177,15 +182,20 @@ def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densit
         A table, or speeds computed from the counters on demand.
     """
     if crowds.interpolated:
-        return SensedSpeeds(crowds, law)
+        return SensedSpeeds(crowds, law, network.pace)
     return dense_speeds(network, crowds, law, densities=densities)
 
 
 def dense_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> SpeedField:
     """The same, worked out on all segments; crowds may have any leading axes, or none."""
     density = crowds.density(network)
-    speed = jnp.swapaxes(law.speed(density), -1, -2)
+    speed = jnp.swapaxes(_paced(law.speed(density), network.pace), -1, -2)
     return speed_field(speed, crowds.slot_seconds, jnp.swapaxes(density, -1, -2) if densities else None)
+
+
+def _paced(speed: Float[Array, "*n"], pace: Float[Array, "*m"] | None) -> Float[Array, "*n"]:
+    """Speeds in m/s at some pace; not multiplied by 1, so that level streets compile as if there were no paces."""
+    return speed if pace is None else speed * pace
 
 
 def speed_field(speed: Table, slot_seconds: float, density: Table | None = None) -> SpeedField:

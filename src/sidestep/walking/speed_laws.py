@@ -1,6 +1,7 @@
 """How fast people walk in a crowd."""
 
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,6 +20,10 @@ class SpeedLaw(eqx.Module):
     def speed(self, density: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Speed in m/s at a density in persons/m²."""
         raise NotImplementedError
+
+    def scaled(self, free_speed: float) -> Self:
+        """The same law for somebody of another free speed: at all densities faster or slower by the same factor."""
+        return replace(self, free_speed=free_speed)
 
 
 class Aoki(SpeedLaw):
@@ -48,6 +53,19 @@ class Weidmann(SpeedLaw):
     def speed(self, density: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         inverse = 1.0 / jnp.maximum(density, 1e-6)
         return jnp.maximum(-self.free_speed * jnp.expm1(-self.steepness * (inverse - 1 / self.jam_density)), self.floor)
+
+    def scaled(self, free_speed: float) -> Self:
+        return replace(self, free_speed=free_speed, floor=self.floor * (free_speed / self.free_speed))
+
+
+class Sensitive(SpeedLaw):
+    """A law for those whom crowds slow down as if they were ``crowd_factor`` times as dense."""
+
+    law: SpeedLaw
+    crowd_factor: float = eqx.field(static=True)
+
+    def speed(self, density: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        return self.law.speed(self.crowd_factor * density)
 
 
 DENSEST = 12.0  # persons/m²; nobody has counted more

@@ -76,6 +76,11 @@ class NoWaits(eqx.Module):
         """The same."""
         return self
 
+    def with_fixed(self, seconds: Float[Array, " segment"]) -> "Waits":
+        """Waits of so many seconds before segments, always."""
+        none, ever = jnp.zeros_like(seconds), jnp.ones_like(seconds)
+        return Waits(none, none, ever, ever, none, jnp.zeros(DAY_HOURS), 0.0, phases=False, fixed=seconds)
+
 
 class Waits(eqx.Module):
     """What keeps walkers waiting where a segment begins.
@@ -104,6 +109,8 @@ class Waits(eqx.Module):
     """Gap between vehicles that walkers need, in s."""
     phases: bool = eqx.field(static=True, default=True)
     """Whether lights have phases; else all take their mean wait."""
+    fixed: Float[Array, " segment"] | None = None
+    """Seconds that everybody waits besides, such as for a lift; None where nobody does."""
 
     @property
     def jumps(self) -> bool:
@@ -139,7 +146,8 @@ class Waits(eqx.Module):
             first = jnp.minimum(lights, 1.0)
             at_lights = first * red + (lights - first) * mean_red
         # Gaps come after the lights, or of those who leave a light together the last to come would be the first to go.
-        return at_lights + self.unsignalised[segment] * self._delay(hour, clock + at_lights)
+        waited = at_lights + self.unsignalised[segment] * self._delay(hour, clock + at_lights)
+        return waited if self.fixed is None else waited + self.fixed[segment]
 
     def averaged(self) -> "Waits":
         """The same with all lights at their mean wait, as they are to walkers who do not know their phases."""
@@ -149,7 +157,12 @@ class Waits(eqx.Module):
         """The same on pieces of the segments; only the first piece of each has something to wait for."""
         lights, unsignalised = self.lights[parent] * first, self.unsignalised[parent] * first
         timing = (self.cycle[parent], self.green[parent], self.offset[parent])
-        return Waits(lights, unsignalised, *timing, self.vehicles, self.critical_gap, self.phases)
+        fixed = None if self.fixed is None else self.fixed[parent] * first
+        return Waits(lights, unsignalised, *timing, self.vehicles, self.critical_gap, self.phases, fixed)
+
+    def with_fixed(self, seconds: Float[Array, " segment"]) -> "Waits":
+        """The same with so many seconds more before segments, always."""
+        return replace(self, fixed=seconds)
 
     def _delay(self, hour: Scalar, clock: Clocks) -> Clocks:
         # Straight from the middle of one hour to the middle of the next.
