@@ -19,6 +19,7 @@ from sidestep.environment.types import Observation
 from sidestep.scenarios.builtin import BUILT_IN, scenario
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.walkers import ADULT
 
 CONFIG = PRESETS["default"].changed(rounds=3, round_steps=64, walkers=8, batch=16, capacity=256, hidden=(8,))
 LOCAL = preset("default", "local").changed(
@@ -120,6 +121,21 @@ def test_margins_can_be_changed_after_training() -> None:
 def test_metadata_there_and_back_through_json(name: str) -> None:
     metadata = Metadata(scenario=BUILT_IN[name], seed=1, map=2, config=CONFIG, curve=((1.0, 2.5),), fingerprint="a")
     assert Metadata.model_validate_json(metadata.model_dump_json()) == metadata
+
+
+def test_models_from_before_there_were_walkers_learned_for_the_adult(saved, tmp_path) -> None:
+    folder, trained = saved
+
+    def before(header, numbers):
+        del header["scenario"]["walker"]
+        return json.dumps(header).encode() + b"\n" + numbers
+
+    for name in ("checkpoint.eqx", "model.eqx"):
+        line, numbers = (folder / name).read_bytes().split(b"\n", 1)
+        (tmp_path / name).write_bytes(before(json.loads(line), numbers))
+    for found in (checkpoint.load_model(tmp_path), checkpoint.load(tmp_path)):
+        assert found.metadata == trained.metadata
+        assert found.metadata.scenario.walker == ADULT
 
 
 # --- What cannot be read --------------------------------------------------------------------------------------------

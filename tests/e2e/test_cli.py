@@ -20,7 +20,7 @@ SEARCH = {
     "snapshot", "forecast",
 }  # fmt: skip
 WITH_SEED = ("demo", "reproduce", "train", "compare", "route", "trade-off", "counts")
-WITHOUT_SEED = ("import-osm", "new", "planners", "scenarios")
+WITHOUT_SEED = ("import-osm", "new", "planners", "scenarios", "walkers")
 
 
 @pytest.fixture(scope="session")
@@ -80,8 +80,8 @@ def test_help_loads_nothing_heavy():
     assert not heavy & set(loaded)
 
 
-def test_planners_and_scenarios_are_listed(sidestep):
-    found = {name: json.loads(sidestep(name, "--json").stdout) for name in ("planners", "scenarios")}
+def test_planners_scenarios_and_walkers_are_listed(sidestep):
+    found = {name: json.loads(sidestep(name, "--json").stdout) for name in ("planners", "scenarios", "walkers")}
     for name, entries in found.items():
         table = sidestep(name)
         assert table.returncode == 0, table.stderr
@@ -91,6 +91,9 @@ def test_planners_and_scenarios_are_listed(sidestep):
     assert {"expected", "darp"} < {entry["name"] for entry in found["planners"]}
     (expected,) = (entry for entry in found["planners"] if entry["name"] == "expected")
     assert expected.keys() == {"name", "level", "learns", "summary", "use"}
+    (wheelchair,) = (entry for entry in found["walkers"] if entry["name"] == "wheelchair")
+    assert (wheelchair["free_speed"], wheelchair["stairs"]) == (0.79, False)
+    assert "0.79 m/s" in sidestep("walkers").stdout
     (helsinki,) = (entry for entry in found["scenarios"] if entry["name"] == "helsinki")
     assert "demand 120 × the counts" in helsinki["synthetic"]
     assert "demand 120 × the counts" in " ".join(sidestep("scenarios").stdout.split())
@@ -130,6 +133,26 @@ def test_compare_prints_the_agreed_shape(sidestep, agreed_row):
         assert row["ci95"][0] <= row["mean_minutes"] <= row["ci95"][1]
     assert found["planners"]["shortest-path"]["saving_vs_shortest_path"] == 0
     assert found["planners"]["clairvoyant"]["gap"] == 0
+
+
+def test_compare_takes_several_walkers(sidestep):
+    args = (*COMPARE, "--maps", 1, "--planners", "expected", "--law", "weidmann", "--walker")
+    done = sidestep(*args, "adult,older,free_speed=0.67,robot", "--json")
+    assert done.returncode == 0, done.stderr
+    adult, older, robot = json.loads(done.stdout)
+    assert (adult["walker"], older["walker"]["kind"], robot["walker"]["kind"]) == (None, "older", "robot")
+    assert older["walker"]["free_speed"] == 0.67
+    minutes = [each["planners"]["clairvoyant"]["mean_minutes"] for each in (adult, older, robot)]
+    assert minutes[0] < minutes[1]
+    alone = json.loads(sidestep(*args, "adult", "--json").stdout)
+    assert alone == adult
+    table = sidestep(*args, "adult,older,free_speed=0.67,robot").stdout
+    assert "walker: older (0.67 m/s)" in table
+    for walker in ("adult", "older", "robot"):
+        assert len(re.findall(rf"^ +{walker} +", table, re.MULTILINE)) == 3  # planners
+    # Two of one kind are told apart by their numbers.
+    table = sidestep(*args, "older,older,free_speed=0.67").stdout
+    assert {"older (1.16 m/s)", "older (0.67 m/s)"} <= set(re.findall(r"^ +(older \(.*?\)) ", table, re.MULTILINE))
 
 
 def test_decisions_are_timed_when_asked(sidestep):
@@ -202,7 +225,7 @@ def test_compare_takes_a_trained_model(sidestep, model):
     said = one_sentence(sidestep("compare", "paper-unblocked", "--model", model))
     assert str(model) in said
     assert "36 nodes" in said
-    for more in (("--seed", 7), ("--level", "local"), ("--objective", "distance")):
+    for more in (("--seed", 7), ("--level", "local"), ("--objective", "distance"), ("--walker", "older")):
         assert str(model) in one_sentence(sidestep(*args, *more))
     assert "--maps" in one_sentence(sidestep(*args, "--maps", 1))
 
@@ -367,6 +390,12 @@ def test_bad_input_gets_one_sentence(process, args, says, tmp_path):
         ("compare paper-congested --seed -1", "--seed"),
         ("compare paper-congested --by 0", "--by"),
         ("compare paper-congested --by nan", "--by"),
+        ("compare paper-congested --walker dog", "dog"),
+        ("compare paper-congested --walker adult,adult", "different walkers"),
+        ("compare paper-congested --walker custom", "free_speed"),
+        ("compare paper-congested --walker older,free_speed=fast", "fast"),
+        ("route paper-congested --walker adult,older", "adult,older"),
+        ("train paper-congested --walker adult,older", "adult,older"),
         ("compare unseen-maps --level position", "level"),
         ("reproduce --maps 0", "--maps"),
         ("trade-off paper-congested --planners darp", "darp"),

@@ -41,7 +41,7 @@ def found() -> Comparison:
 def test_shape_of_the_json(found, agreed_row) -> None:
     result = found.to_json()
     asked = {"scenario", "maps", "walks", "seed", "planners"}
-    assert result.keys() == asked | {"summary", "synthetic", "flows", "by_minutes", "objective", "baseline"}
+    assert result.keys() == asked | {"summary", "synthetic", "flows", "by_minutes", "objective", "baseline", "walker"}
     assert (result["scenario"], result["maps"], result["walks"], result["seed"]) == ("paper-congested", 2, 3, 0)
     assert (result["flows"], result["by_minutes"], result["baseline"]) == ("arima", None, "expected")
     assert result["summary"] == "the paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people"

@@ -22,6 +22,7 @@ from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.walkers import Older
 
 GRID = scenario("paper-congested", side=3, crowded_nodes=1)
 TOWN = scenario("helsinki")
@@ -110,6 +111,8 @@ def test_several_models_are_called_by_their_folders(tmp_path: Path) -> None:
         (ANYWHERE, GRID, GRID, "live", "level"),
         (ANYWHERE, GRID.changed(objective={"exposure": 0.5}), GRID, None, "objective"),
         (ANYWHERE, GRID, GRID.changed(objective={"exposure": 0.5}), None, "objective"),
+        (ANYWHERE, GRID.changed(walker="older"), GRID, None, "walker"),
+        (ANYWHERE, GRID, GRID.changed(walker=Older(free_speed=1.34)), None, "walker"),
         (IN_TOWN, TOWN, scenario("unseen-maps"), None, "scenario"),
         (ANYWHERE, GRID, TOWN, None, "scenario"),
     ],

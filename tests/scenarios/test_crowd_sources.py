@@ -8,10 +8,11 @@ from sidestep.crowds.sensor_model import fit_sensors, recorded_weeks
 from sidestep.network.snapping import Snapper
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.crowd_sources import counts_of
-from sidestep.scenarios.maps import attribution_of, draw_map, town_of
+from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.places import Grid
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import stations
+from sidestep.scenarios.streets import attribution_of, town_of
 from sidestep.walking.speed_laws import FREE_SPEED
 
 HELSINKI = scenario("helsinki", horizon=1200.0, departures=(0.0, 300.0))

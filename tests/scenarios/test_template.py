@@ -13,6 +13,7 @@ from sidestep.scenarios.places import CountColumns, Light, Traffic
 from sidestep.scenarios.reader import CountersFile, CrowdTableFile, ScenarioFile, TrafficFile, VenueFile, load_scenario
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.template import new_scenario
+from sidestep.scenarios.walkers import WALKERS, Custom
 
 # Some tables are there to be uncommented.
 COMMENTED = re.compile(r'(?m)^# (?=(\[[\w.]+\]|\w+ = .*#.*|\w+ = [\d.]+|\w+ = "\w+[\w.]*"|"\w+" = {.*)$)')
@@ -58,6 +59,7 @@ def test_it_names_every_field(made) -> None:
     assert set(place["traffic"]["lights"]["Kaivokatu"]) == fields(Light, "name")
     assert set(values["objective"]) == fields(ObjectiveSpec)
     assert set(values["reward"]) == fields(RewardSpec)
+    assert set(values["walker"]) == fields(Custom)
     commented = COMMENTED.sub("", table[1].partition("\n\n")[0])
     assert set(tomllib.loads(commented)) == fields(CrowdTableFile)
     # And what is commented out may be said.
@@ -67,6 +69,8 @@ def test_it_names_every_field(made) -> None:
     assert found.place.traffic == Traffic(lights=(light,))
     assert found.objective == ObjectiveSpec(exposure=0.5, max_density=4.0)
     assert found.reward == BUILT_IN["helsinki"].reward
+    numbers = dict(free_speed=1.2, stairs_up=0.5, stairs_down=0.6, highest_kerb=0.2, steepest=0.2)
+    assert found.walker == Custom(law="weidmann", **numbers)
 
 
 def test_the_page_names_every_field() -> None:
@@ -83,6 +87,9 @@ def test_the_page_names_every_field() -> None:
     ):
         for name, field in kind.model_fields.items():
             assert re.search(rf"[`.\[]{field.alias or name}\b", page), name
+    page = (Path(__file__).parents[2] / "docs" / "walkers.md").read_text("utf-8")
+    for name in (*Custom.model_fields, *WALKERS):
+        assert f"`{name}`" in page, name
 
 
 def test_what_is_there_is_left_alone(tmp_path) -> None:

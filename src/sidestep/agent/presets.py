@@ -13,9 +13,9 @@ from typing import Literal, get_args
 
 from sidestep.agent.config import TrainConfig, TrainConfigError
 from sidestep.environment.types import LEVELS, Information
-from sidestep.scenarios.maps import town_of
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.spec import hint
+from sidestep.scenarios.streets import walked_streets
 
 Preset = Literal["default", "paper", "dqn", "tabular-q"]
 
@@ -157,7 +157,7 @@ def preset_for(scenario: Scenario, name: Preset, level: Information | None = Non
         raise TrainConfigError(
             f"a walker that observes its position alone cannot learn to walk anywhere in {scenario.name}", field="level"
         )
-    nodes = town_of(place.streets).nodes
+    nodes = len(walked_streets(place.streets, scenario.walker).crossings)
     destinations = min(32, len(place.destinations) or 32, max(nodes - 2, 1))
     each = 32 // destinations * destinations  # the same number of futures for every destination
     config = preset(name, level, several_maps=True).changed(

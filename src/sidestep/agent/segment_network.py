@@ -12,7 +12,6 @@ from sidestep.agent.layers import Linear, combine, through, zero_ended_layers
 from sidestep.environment.types import RECENT_NODES, Local, Observation
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.model import Scenario
-from sidestep.walking.speed_laws import FREE_SPEED
 
 BIN_SECONDS = 900.0
 """Time between two bins of what is learned of places, s."""
@@ -57,6 +56,8 @@ class SegmentQNetwork(eqx.Module):
     """Units of reward in one unit of the heads."""
     dueling: bool = eqx.field(static=True)
     potential: bool = eqx.field(static=True)
+    free_speed: float = eqx.field(static=True)
+    """Of the walker in an empty street, m/s."""
 
     def __call__(self, observation: Observation) -> Float[Array, " exit"]:
         """Q-value of every exit; those of exits that do not exist mean nothing."""
@@ -93,7 +94,7 @@ class SegmentQNetwork(eqx.Module):
         ]
         segments = [
             jnp.log(local.cost / self.seconds),
-            jnp.log(local.cost * FREE_SPEED / local.length),
+            jnp.log(local.cost * self.free_speed / local.length),
             local.length / self.metres - 1,
             (far - onward) / local.length,
             onward / self.metres / 10,
@@ -140,7 +141,7 @@ def segment_network(
     config
         Widths, and what is remembered of places.
     scenario
-        How long its walks may take, its unit of reward, and whether its crowds are interpolated.
+        How long its walks may take, its walker's speed, its unit of reward, and whether its crowds are interpolated.
     network
         The map's streets.
     key
@@ -163,7 +164,7 @@ def segment_network(
     metres = jnp.mean(network.length)
     return SegmentQNetwork(
         metres=metres,
-        seconds=metres / FREE_SPEED,
+        seconds=metres / scenario.walker.free_speed,
         places=places,
         value=zero_ended_layers((state + config.places, *config.hidden, 1), value_key),
         advantage=zero_ended_layers((state + segment + 2 * config.places, *config.hidden, 1), advantage_key),
@@ -171,4 +172,5 @@ def segment_network(
         unit=config.unit,
         dueling=config.dueling,
         potential=config.potential,
+        free_speed=scenario.walker.free_speed,
     )

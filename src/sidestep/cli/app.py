@@ -32,6 +32,7 @@ for command in (
     data.new,
     listings.planners,
     listings.scenarios,
+    listings.walkers,
     experiments.trade_off,
 ):
     app.command(command)

@@ -10,6 +10,8 @@ from sidestep.cli import options
 from sidestep.cli.console import print_table, progress
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sidestep.evaluation.compare import Results
 
 
@@ -32,7 +34,9 @@ def compare(
     workers: options.Workers = None,
     as_json: options.Json = False,
 ) -> None:
-    """Compare planners on the same maps and through the same crowds.
+    """Compare planners on the same maps and through the same crowds, also for several walkers: --walker adult,older.
+
+    Where some walkers cannot get everywhere, all of them walk where all can get to.
 
     Parameters
     ----------
@@ -59,61 +63,80 @@ def compare(
     from sidestep.evaluation.compare import compare as run
     from sidestep.planners.registry import choose_planners
 
-    problem = options.read_scenario(scenario, changes)
-    chosen = choose_planners(
-        problem,
-        None if planners is None else options.names_in(planners),
-        models=model or (),
-        against=against,
-        seed=seed,
-        level=level,
-        preset=preset,
-        destinations=destinations or 1,
-    )
-    numbers = chosen.map_numbers(maps)
-    with progress("comparing", len(numbers), 1, "maps") as advance:
-        compared = run(
+    lineups = [
+        choose_planners(
             problem,
-            chosen.factories,
-            maps=numbers,
-            walks=walks or problem.walks,
+            None if planners is None else options.names_in(planners),
+            models=model or (),
+            against=against,
             seed=seed,
-            workers=workers or options.processors(),
-            destinations=destinations,
-            timing=timing,
-            on_map=lambda index, _: advance(f"map {index}"),
+            level=level,
+            preset=preset,
+            destinations=destinations or 1,
         )
-    results = compared.to_json(by, chosen.baseline)
+        for problem in options.read_scenarios(scenario, changes)
+    ]
+    numbers = lineups[0].map_numbers(maps)
+    results = []
+    with progress("comparing", len(lineups) * len(numbers), 1, "maps") as advance:
+        for chosen in lineups:
+            compared = run(
+                chosen.scenario,
+                chosen.factories,
+                maps=numbers,
+                walks=walks or chosen.scenario.walks,
+                seed=seed,
+                workers=workers or options.processors(),
+                destinations=destinations,
+                timing=timing,
+                on_map=lambda index, _: advance(f"map {index}"),
+            )
+            results.append(compared.to_json(by, chosen.baseline))
     if as_json:
-        print(json.dumps(results, indent=2, ensure_ascii=False))
+        print(json.dumps(results if len(results) > 1 else results[0], indent=2, ensure_ascii=False))
     else:
-        show_results(results)
+        show_results(*results)
 
 
-def show_results(results: "Results") -> None:
-    """Print a comparison as a table."""
+def show_results(*compared: "Results") -> None:
+    """Print a comparison as a table, or those of several walkers as one."""
     from sidestep.evaluation.metrics import HEADINGS, TEXT_COLUMNS, cells
     from sidestep.scenarios.model import objective_in_words
+    from sidestep.scenarios.walkers import walker_in_words
 
-    by, objective, rows = results["by_minutes"], results["objective"], results["planners"]
+    results, walkers = compared[0], _walkers(compared)
+    by, objective = results["by_minutes"], results["objective"]
+    rows = [(walker, *row) for walker, each in zip(walkers, compared, strict=True) for row in each["planners"].items()]
     only = " (forecasts only)" if results["flows"] == "forecast" else ""
     maps = f"{results['maps']} map{'s' * (results['maps'] > 1)}"
     head = f"{results['scenario']}{only}: {maps}, {results['walks']} walks each, seed {results['seed']}"
     title = [head, results["summary"], results["synthetic"]]
     if objective is not None:
         title.append(f"cost in minutes: {objective_in_words(objective)}; all comparisons below are of cost")
+    title += [f"walker: {walker_in_words(each['walker'])}" for each in compared if each["walker"] is not None]
     shown = {
         **dict.fromkeys(("minutes 95 %", "best map", "gap 95 %"), False),  # in reports only
         **dict.fromkeys(("cost", "exposure", "metres"), objective is not None),
         **dict.fromkeys(("median", "90 %"), objective is None),
         "too dense": objective and objective["max_density"],
         "in time": by,
-        "µs a decision": any("decision_us" in row for row in rows.values()),
+        "µs a decision": any("decision_us" in row for _, _, row in rows),
     }
     columns = [column for column in HEADINGS if shown.get(column, True)]
     headings = HEADINGS | {"in time": f"within {by:g} min" if by else "", "difference": f"over {results['baseline']}"}
+    several = len(compared) > 1
     print_table(
         title,
-        [headings[column] if column in TEXT_COLUMNS else f">{headings[column]}" for column in columns],
-        [cells(name, row, results["maps"], columns).values() for name, row in rows.items()],
+        ["walker"] * several
+        + [headings[column] if column in TEXT_COLUMNS else f">{headings[column]}" for column in columns],
+        [[walker] * several + list(cells(name, row, results["maps"], columns).values()) for walker, name, row in rows],
     )
+
+
+def _walkers(compared: "Sequence[Results]") -> list[str]:
+    """The walkers of comparisons, by their kinds or, where several are of one kind, with their numbers."""
+    from sidestep.scenarios.walkers import ADULT, walker_in_words
+
+    every = [each["walker"] or ADULT.model_dump() for each in compared]
+    kinds = [walker["kind"] for walker in every]
+    return kinds if len(set(kinds)) == len(kinds) else [walker_in_words(walker) for walker in every]

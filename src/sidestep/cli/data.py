@@ -142,7 +142,7 @@ def import_counts(
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
     from sidestep.files import output_folder
     from sidestep.scenarios.crowd_sources import import_table
-    from sidestep.scenarios.maps import town_of
+    from sidestep.scenarios.streets import town_of
 
     check_suffix(out)
     seconds = None if slot is None else 60 * slot

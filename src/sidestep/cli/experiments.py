@@ -151,7 +151,7 @@ def show_trade_off(found: "TradeOff") -> None:
     head = f"{scenario.name}, map 0, seed {found.seed}: {found.walks} walks for each weight of exposure"
     rows = [(name, point) for name, points in found.curves.items() for point in points]
     print_table(
-        (head, scenario.summary, scenario.place.synthetic),
+        (head, scenario.summary, scenario.place.synthetic, scenario.walker.remark),
         ("planner", ">weight", ">minutes", ">person·s/m² met", ">metres", ">arrive"),
         [
             (

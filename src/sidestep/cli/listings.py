@@ -1,4 +1,4 @@
-"""The commands `planners` and `scenarios`, which list what there is."""
+"""The commands `planners`, `scenarios` and `walkers`, which list what there is."""
 
 import json
 
@@ -38,3 +38,25 @@ def scenarios(*, as_json: options.Json = False) -> None:
     rows = [(one["name"], "; ".join(filter(None, (one["summary"], one["synthetic"])))) for one in found]
     print_table((), ("scenario", "summary"), rows)
     print("Scenarios of your own: sidestep new NAME writes a file to start from.")
+
+
+def walkers(*, as_json: options.Json = False) -> None:
+    """List the walkers that --walker takes: how fast they are, and what they cannot take."""
+    from inspect import getdoc
+
+    from sidestep.scenarios.walkers import WALKERS, Custom
+
+    every = [(name, getdoc(kind) or "", None if kind is Custom else kind()) for name, kind in WALKERS.items()]
+    if as_json:
+        found = [
+            {"name": name, "summary": summary, **({} if walker is None else walker.model_dump(exclude={"kind"}))}
+            for name, summary, walker in every
+        ]
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+        return
+    rows = [
+        (name, summary, "" if walker is None else walker.in_words().partition(" ")[2].strip("()"))
+        for name, summary, walker in every
+    ]
+    print_table((), ("walker", "who", "numbers"), rows)
+    print("Any number may be changed: --walker older,free_speed=1.0,lift_wait=90; see docs/walkers.md.")

@@ -5,7 +5,7 @@ The help of an option is its description in the docstring of its command, or sta
 
 import math
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -84,6 +84,10 @@ class Changes:
     objective: str | None = None
     """Keep time, distance, exposure or a weighted sum low, such as exposure=0.5,max_density=4."""
 
+    walker: str | None = None
+    """Who walks: adult, older, child, wheelchair, robot or custom, also with other numbers, such as
+    older,free_speed=1.0. See sidestep walkers."""
+
 
 UNCHANGED = Changes()
 
@@ -98,6 +102,15 @@ def read_scenario(name: str, changes: Changes) -> "Scenario":
     from sidestep.scenarios.reader import find_scenario
 
     return find_scenario(name, **changed_fields(changes))
+
+
+def read_scenarios(name: str, changes: Changes) -> "list[Scenario]":
+    """The same, once for each walker that the options name."""
+    from sidestep.scenarios.streets import for_walkers
+    from sidestep.scenarios.walkers import read_walkers
+
+    found = read_scenario(name, replace(changes, walker=None))
+    return [found] if changes.walker is None else for_walkers(found, read_walkers(changes.walker, found.walker))
 
 
 LEAST = {"seed": 0, "map": 0, "maps": 1, "walks": 1, "workers": 1}

@@ -105,15 +105,15 @@ def train(
 
 def show_run(scenario: str, run: "TrainingRun") -> None:
     """Print what was trained, how fast, and how long the greedy test walks took."""
-    metadata, config = run.metadata, run.metadata.config
+    metadata, config, problem = run.metadata, run.metadata.config, run.metadata.scenario
     print(
         f"{scenario}, map {metadata.map}, level {config.level}: {len(metadata.curve)} rounds of "
         f"{config.round_steps:,} transitions in {run.seconds:.1f} s ({run.steps_per_second:,.0f} transitions/s, "
         f"{run.updates_per_second:,.0f} updates/s)"
     )
-    for said in filter(None, (metadata.scenario.summary, metadata.scenario.place.synthetic)):
+    for said in filter(None, (problem.summary, problem.place.synthetic, problem.walker.remark)):
         print(said)
     first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
-    unit = "min" if metadata.scenario.objective.is_time else "min of cost"
+    unit = "min" if problem.objective.is_time else "min of cost"
     print(f"greedy test walks: {first:.1f} {unit} after the first round, {last:.1f} after the last, ", end="")
     print(f"{run.best_minutes:.1f} at best" + ("" if run.folder is None else f"; model: {run.folder}"))

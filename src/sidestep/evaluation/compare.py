@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from time import perf_counter
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import jax
 import numpy as np
@@ -22,6 +22,7 @@ from sidestep.scenarios import episodes
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
 from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.streets import walker_facts
 
 CHUNK = 200
 """Most walks whose futures are held in memory at a time."""
@@ -54,6 +55,9 @@ class Results(TypedDict):
 
     objective: dict[str, float | None] | None
     """Weights of the objective; None where time is all that counts."""
+
+    walker: dict[str, Any] | None
+    """The walker's numbers, and how many streets are left out; None for the adult that walks unless told otherwise."""
 
     baseline: str
     """The planner that ``difference_minutes`` is taken to."""
@@ -111,6 +115,7 @@ class Comparison:
             "walks": self.walks,
             "seed": self.seed,
             "objective": self.scenario.objective.to_json(),
+            "walker": walker_facts(self.scenario),
             "baseline": baseline,
             "by_minutes": by,
             "planners": summarise(self.records, self.seed, by, baseline),

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, choose_planners, find_planner
 from sidestep.plotting import TradeOffPoint
-from sidestep.scenarios.maps import attribution_of
 from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.streets import attribution_of, walker_facts
 
 WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Weights of exposure, in seconds for each person·s/m²."""
@@ -29,6 +29,9 @@ class TradeOffJson(TypedDict):
 
     synthetic: str
     """What is invented of its crowds; empty where nothing is."""
+
+    walker: dict[str, Any] | None
+    """The walker's numbers, and how many streets are left out; None for the adult that walks unless told otherwise."""
 
     walks: int
     seed: int
@@ -68,7 +71,8 @@ class TradeOff:
         """Text below the picture: where crowds and streets come from."""
         attribution = attribution_of(self.scenario.place)
         streets = attribution and f"Streets: {attribution}"
-        return "\n".join(filter(None, (self.scenario.summary, self.scenario.place.synthetic, streets)))
+        scenario = self.scenario
+        return "\n".join(filter(None, (scenario.summary, scenario.place.synthetic, scenario.walker.remark, streets)))
 
     def to_json(self) -> TradeOffJson:
         """Sum up in the shape of ``trade-off --json``."""
@@ -76,6 +80,7 @@ class TradeOff:
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,
             "synthetic": self.scenario.place.synthetic,
+            "walker": walker_facts(self.scenario),
             "walks": self.walks,
             "seed": self.seed,
             "curves": self.curves,

@@ -172,6 +172,11 @@ def _check_fits(folder: Path, metadata: Metadata, scenario: Scenario, level: Inf
     learned, at = metadata.scenario, metadata.config.level
     if level is not None and at != level:
         raise ModelError(f"the model in {folder} is of level {at}, not {level}", field="level")
+    if learned.walker != scenario.walker:
+        raise ModelError(
+            f"the model in {folder} learned for another walker; give the same --walker, {learned.walker.in_words()}",
+            field="walker",
+        )
     if learned.objective != scenario.objective:
         raise ModelError(
             f"the model in {folder} learned for another objective; give the same --objective", field="objective"

@@ -22,9 +22,10 @@ from sidestep.planners.shortest_path import ShortestPath, distances_to
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.plan import End, RequestFacts, StreetMap
 from sidestep.routing.request import Counts, Place, RouteError, RouteRequest, at_fault
-from sidestep.scenarios.maps import ScenarioMap, town_of, with_live_counts
+from sidestep.scenarios.maps import ScenarioMap, with_live_counts
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Grid, Venue
+from sidestep.scenarios.streets import walked_streets, walker_facts
 from sidestep.scenarios.values import DAYS
 
 FUTURES = 200
@@ -129,10 +130,10 @@ def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Callable[[RouteReq
     return TownLocator(scenario, scenario_map, scenario.place).locate
 
 
-def _requested_ends(request: RouteRequest, nodes: int) -> dict[str, Place]:
-    """The places that were asked for, by field; by default the first node and the last."""
+def _requested_ends(request: RouteRequest, nodes: int, first: int, last: int) -> dict[str, Place]:
+    """The places that were asked for, by field; by default the ``first`` node and the ``last``."""
     asked: dict[str, Place] = {}
-    for name, place, default in (("origin", request.origin, 0), ("destination", request.destination, nodes - 1)):
+    for name, place, default in (("origin", request.origin, first), ("destination", request.destination, last)):
         asked[name] = end = default if place is None else place
         if isinstance(end, int) and not 0 <= end < nodes:
             raise RouteError(f"the {name} is node {end}, but nodes are numbered 0 to {nodes - 1}", field=name)
@@ -143,7 +144,8 @@ def _locate_on_grid(scenario: Scenario, scenario_map: ScenarioMap, request: Rout
     """Ends are nodes, and the departure is minutes after the scenario's start."""
     ends: dict[str, End] = {}
     minutes = 0 if request.depart is None else request.depart
-    for name, place in _requested_ends(request, scenario_map.network.nodes).items():
+    nodes = scenario_map.network.nodes
+    for name, place in _requested_ends(request, nodes, 0, nodes - 1).items():
         if not isinstance(place, int):
             raise RouteError(f"the {name} must be a node: a grid has no latitudes and longitudes", field=name)
         ends[name] = End(place, f"node {place}")
@@ -155,6 +157,7 @@ def _locate_on_grid(scenario: Scenario, scenario_map: ScenarioMap, request: Rout
     facts = RequestFacts(
         scenario=scenario.name,
         objective=scenario.objective.to_json(),
+        walker=walker_facts(scenario),
         by_minutes=request.by,
         synthetic=scenario.place.synthetic,
         origin=ends["origin"],
@@ -180,7 +183,8 @@ class TownLocator:
 
     def __init__(self, scenario: Scenario, scenario_map: ScenarioMap, venue: Venue) -> None:
         self._scenario, self._map, self._venue = scenario, scenario_map, venue
-        self._snapper = Snapper(town_of(venue.streets))
+        self._streets = walked_streets(venue.streets, scenario.walker)
+        self._snapper = Snapper(self._streets.town)
         self._source = Path(venue.crowd_source.file).name
         self._sensors = len(set(scenario_map.sensors)) or None
 
@@ -192,6 +196,7 @@ class TownLocator:
         facts = RequestFacts(
             scenario=self._scenario.name,
             objective=self._scenario.objective.to_json(),
+            walker=walker_facts(self._scenario),
             by_minutes=request.by,
             synthetic=self._venue.synthetic,
             origin=origin,
@@ -236,10 +241,13 @@ class TownLocator:
 
     def _ends(self, request: RouteRequest) -> tuple[SplitStreets, End, End]:
         """Both ends, on streets that are split there, so that either end of the street can be walked to."""
-        town = self._snapper.town
-        asked = _requested_ends(request, town.nodes)
+        town, known = self._snapper.town, self._streets.crossings.tolist()
+        asked = _requested_ends(request, town.nodes, known[0], known[-1])
         found: list[int | StreetPoint] = []
         for name, place in asked.items():
+            if isinstance(place, int) and place not in known:
+                said = f"{self._scenario.walker.called} cannot get to the {name}, crossing {place}; choose another"
+                raise RouteError(said, field=name)
             with at_fault(name):
                 found.append(place if isinstance(place, int) else self._snapper.nearest(*place))
         streets = padded(split_streets(town, found))

@@ -14,6 +14,7 @@ from sidestep.routing.directions import Leg, Step
 from sidestep.routing.formats import Waypoint, feature, gpx, table
 from sidestep.routing.request import NO_COORDINATES, RouteError
 from sidestep.scenarios.model import objective_in_words
+from sidestep.scenarios.walkers import walker_in_words
 
 T = TypeVar("T")
 _DIGITS = {"metres": 2, "minutes": 3, "density": 4}  # in GeoJSON
@@ -48,6 +49,9 @@ class RequestFacts:
 
     objective: dict[str, float | None] | None
     """Weights of the objective; None: time alone."""
+
+    walker: dict[str, Any] | None = None
+    """The walker's numbers, and how many streets are left out; None for the adult that walks unless told otherwise."""
 
     origin: End
     destination: End
@@ -294,6 +298,7 @@ class RoutePlan(RequestFacts, WalkTimes):
         ends = [end for end in (self.origin, self.destination) if end.metres_away >= 1]
         lines = [
             f"{self.planner} ({self.level}), departing {self.departs}{low}, if crowds are as expected:",
+            *([] if self.walker is None else [f"Walker: {walker_in_words(self.walker)}"]),
             *(f"{end.asked} is {end.metres_away:,.0f} m from the street" for end in ends),
             "",
             *self._table(),

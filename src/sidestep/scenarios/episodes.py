@@ -157,7 +157,8 @@ def _own_origins(
     scenario_map: ScenarioMap, destinations: Int[np.ndarray, "destination 1"]
 ) -> tuple[Int[np.ndarray, "destination origin"], Int[np.ndarray, " destination"]]:
     """A map's own origins of walks to each destination, as rows of one length, and how many of a row are different."""
-    rows = [[node for node in scenario_map.origins if node != end] for end in destinations[:, 0].tolist()]
+    origins = np.array(scenario_map.origins, np.int32)
+    rows = [origins[origins != end] for end in destinations[:, 0]]
     count = np.array([len(row) for row in rows])
     return np.stack([np.resize(row, max(len(scenario_map.origins), 1)) for row in rows]), count
 

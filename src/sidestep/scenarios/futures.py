@@ -27,7 +27,7 @@ from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import Purpose, ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario, objective_of, reward_of
 from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
-from sidestep.walking.speed_laws import LAWS, SpeedLaw
+from sidestep.walking.speed_laws import SpeedLaw
 
 
 def make_environment(
@@ -97,6 +97,7 @@ def make_environment(
         reward=reward_of(scenario.reward),
         objective=objective,
         waits=scenario_map.waits,
+        free_speed=scenario.walker.free_speed,
     )
 
 
@@ -190,7 +191,7 @@ class _Crowds(eqx.Module):
 
     @staticmethod
     def of(scenario: Scenario, flow: FlowModel) -> "_Crowds":
-        return _Crowds(flow, LAWS[scenario.law], scenario.slots, scenario.flows == "forecast")
+        return _Crowds(flow, scenario.speed_law, scenario.slots, scenario.flows == "forecast")
 
 
 def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among: int | None) -> Int[Array, " future"]:
@@ -198,7 +199,7 @@ def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among
     return (first + jnp.arange(futures)) % min(among or params.futures.count, params.futures.count)
 
 
-@partial(jax.jit, static_argnames=("futures", "densities", "level", "rule"))
+@partial(jax.jit, static_argnames=("futures", "densities", "level", "rule", "free_speed"))
 def _environment(
     crowds: _Crowds,
     key: Key[Array, ""],

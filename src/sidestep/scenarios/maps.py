@@ -1,34 +1,32 @@
 """Maps of a scenario: streets, crowds and waits, drawn from a seed or read from the files that a venue names."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Key
+from jaxtyping import Array, Int, Key
 
-from sidestep.crowds.arima import ArimaFlow, change_step, load_fitted
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable, latest_counts
-from sidestep.crowds.rush import RushFlow, ShiftingFlow
 from sidestep.errors import SidestepError
 from sidestep.files import cached_by_files
-from sidestep.network.formats import load_helsinki, load_town
-from sidestep.network.graph import RoadNetwork, disjoint_union
-from sidestep.network.grid import grid_network
+from sidestep.network.graph import RoadNetwork
+from sidestep.network.parts import TownPart
 from sidestep.network.snapping import Snapper, SplitStreets
-from sidestep.network.town import Town
 from sidestep.scenarios.crowd_sources import HOUR, check_crowds, crowds_of
+from sidestep.scenarios.grids import on_grids
 from sidestep.scenarios.model import Scenario
-from sidestep.scenarios.places import Grid, Place, Traffic, Venue
+from sidestep.scenarios.places import Grid, Traffic, Venue
 from sidestep.scenarios.spec import Fault, ScenarioError
-from sidestep.scenarios.stations import check_ways, crossings, nearest
+from sidestep.scenarios.stations import check_ways, nearest
+from sidestep.scenarios.streets import ENDS, ends_of, town_of, walked_streets
+from sidestep.scenarios.walkers import Walker
 from sidestep.walking.opening import AnyWaits, with_opening_times
 from sidestep.walking.speed_laws import Law
 from sidestep.walking.waits import NoWaits, Waits
@@ -80,18 +78,18 @@ class ScenarioMap(eqx.Module):
         ScenarioMap
             Its nodes and segments have the numbers of ``streets``.
         """
-        network, parent = streets.network, jnp.asarray(streets.parent)
+        network, parent = _paced(streets.network, self.network.pace, streets.parent), jnp.asarray(streets.parent)
         flow = self.flow.on_pieces(parent, jnp.asarray(streets.fraction, jnp.float32))
         waits = self.waits.on_pieces(parent, jnp.asarray(streets.begins_at_crossing))
         return ScenarioMap(network, flow, flow, self.key, (network.nodes,), self.sensors, waits=waits)
 
     @property
     def fingerprint(self) -> str:
-        """The same for the same streets with the same expected crowds, whatever the speed law, and for no others."""
-        told = (self.network, self.flow, self.waits)
-        network, *others = (str(jax.tree.structure(each)).removeprefix("PyTreeDef(")[:-1] for each in told)
-        # What a network has none of is left out: older models, which know of no such thing, keep their maps.
-        structure = ", ".join([network.replace(", None", ""), *others])
+        """The same for the same streets with the same expected crowds, whatever the speeds, and for no others."""
+        told = (replace(self.network, pace=None), self.flow, self.waits)
+        network, flow, waits = (str(jax.tree.structure(each)).removeprefix("PyTreeDef(")[:-1] for each in told)
+        # What streets and waits have none of is left out: older models, which know of no such thing, keep their maps.
+        structure = ", ".join([network.replace(", None", ""), flow, waits.replace(", None", "")])
         digest = hashlib.sha256(f"PyTreeDef(({structure}))".encode())
         for leaf in jax.tree.leaves(told):
             digest.update(f"{leaf.shape}".encode() + np.asarray(leaf).tobytes())
@@ -132,9 +130,9 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     match scenario.place:
         case Grid() as grid:
             side = grid.sides[index % len(grid.sides)]
-            return _on_grids(grid, side, [(seed, index)], scenario.slot_seconds, key)
+            return _grid_map(key, *on_grids(grid, side, [(seed, index)], scenario.slot_seconds))
         case Venue() as venue:
-            return replace(_venue_map(venue, scenario.slot_seconds, scenario.law), key=key)
+            return replace(_venue_map(venue, scenario.walker, scenario.slot_seconds, scenario.law), key=key)
 
 
 def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
@@ -167,7 +165,7 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     match scenario.place:
         case Grid(training_maps=number) as grid if number:
             seeds = [(seed, another, _LEARN) for another in range(number)]
-            return _on_grids(grid, grid.side, seeds, scenario.slot_seconds, _key(seed, index))
+            return _grid_map(_key(seed, index), *on_grids(grid, grid.side, seeds, scenario.slot_seconds))
         case _:
             return draw_map(scenario, seed, index)
 
@@ -194,97 +192,53 @@ def _key(seed: int, index: int) -> Key[Array, ""]:
     return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
-def _draw_grid(grid: Grid, side: int, seed: tuple[int, ...]) -> tuple[RoadNetwork, np.ndarray, np.ndarray, np.ndarray]:
-    """Draw streets and crowds (section V-A of the paper).
-
-    Returns
-    -------
-    network
-        The streets.
-    volume, amplitude, phase
-        Of each segment the persons without waves and noise, and its wave in rush hours: the amplitude in the logarithm
-        of volume, the phase in radians.
-    """
-    rng = np.random.default_rng(seed)
-    network = grid_network(side, rng, grid.lengths)
-    tail, head = np.asarray(network.tail), np.asarray(network.head)
-    volume = rng.uniform(*grid.volumes, network.segments)
-    crowded = rng.choice(np.arange(1, network.nodes - 1), _crowded_nodes(grid, network.nodes), replace=False)
-    if grid.rush is None or not grid.rush.shifting:
-        at_crowded = np.isin(tail, crowded) | np.isin(head, crowded)
-        drawn = np.maximum(rng.normal(*grid.crowded_volume, network.segments), 1.0)
-        volume = np.where(at_crowded, drawn, volume)
-    if grid.rush is None:
-        return network, volume, np.zeros(network.segments), np.zeros(network.segments)
-    # Both directions of a street have one wave.
-    street = np.unique(np.sort([tail, head], axis=0), axis=1, return_inverse=True)[1].reshape(-1)
-    amplitude = rng.uniform(*grid.rush.amplitude, network.segments)
-    return network, volume, amplitude[street], rng.uniform(0, 2 * np.pi, network.segments)[street]
-
-
-def _crowded_nodes(grid: Grid, nodes: int) -> int:
-    """As large a share of the nodes as on the first map."""
-    return round(grid.crowded_nodes * nodes / grid.nodes)
-
-
-def _on_grids(
-    grid: Grid, side: int, seeds: Sequence[tuple[int, ...]], slot_seconds: float, key: Key[Array, ""]
-) -> ScenarioMap:
-    """A grid drawn from each seed, as one map without streets between them, and the crowds on it."""
-    networks, *columns = zip(*(_draw_grid(grid, side, seed) for seed in seeds), strict=True)
-    network, parts = disjoint_union(networks), tuple(each.nodes for each in networks)
-    volume, amplitude, phase = (jnp.asarray(np.concatenate(each), jnp.float32) for each in columns)
-    flow: FlowModel
-    if (rush := grid.rush) is None:
-        flow = ArimaFlow(volume, change_step(load_fitted(), slot_seconds))
-    else:
-        flow = RushFlow(rush.phi, rush.sigma, slot_seconds, volume, amplitude, phase, rush.period)
-        if rush.shifting:
-            first = np.cumsum((0, *parts))
-            spared = np.isin(np.arange(network.nodes), (first[:-1], first[1:] - 1))
-            ends = jnp.stack([network.tail, network.head], axis=1)
-            crowded_nodes = sum(_crowded_nodes(grid, nodes) for nodes in parts)
-            flow = ShiftingFlow(flow, ends, jnp.asarray(spared), crowded_nodes, *grid.crowded_volume)
+def _grid_map(key: Key[Array, ""], network: RoadNetwork, flow: FlowModel, parts: tuple[int, ...]) -> ScenarioMap:
     return ScenarioMap(network, flow, flow, key, parts)
 
 
 @cached_by_files(lambda venue, *_: venue.files)
-def _venue_map(venue: Venue, slot_seconds: float, law: Law) -> ScenarioMap:
-    """The first map of seed 0 of a venue, made once as long as its files stay as they are."""
-    snapper = Snapper(town_of(venue.streets))
-    network = snapper.town.network()
-    flow, test_flow, sensors = crowds_of(venue, snapper, network, slot_seconds, law)
-    origins = crossings(snapper, "origins", venue.origins)
-    destinations = crossings(snapper, "destinations", venue.destinations)
-    key, waits = _key(0, 0), waits_of(snapper, venue.traffic)
-    return ScenarioMap(network, flow, test_flow, key, (network.nodes,), sensors, origins, destinations, waits)
+def _venue_map(venue: Venue, walker: Walker, slot_seconds: float, law: Law) -> ScenarioMap:
+    """The first map of seed 0 of a venue as its walker has it, made once as long as its files stay as they are.
 
-
-@cached_by_files(lambda streets: (streets,))
-def town_of(streets: str) -> Town:
-    """The streets of a venue, read once as long as their file stays as it is.
-
-    Parameters
-    ----------
-    streets
-        Name of a file, or ``helsinki``.
+    Crowds, lights and traffic are those of all streets, for every walker.
 
     Returns
     -------
-    Town
-        Its crossings and streets.
-
-    Raises
-    ------
-    SidestepError
-        A file that cannot be read.
+    ScenarioMap
+        The streets that the walker takes, at its paces.
     """
-    return load_helsinki() if streets == "helsinki" else load_town(Path(streets))
+    whole, part = _crowded_streets(venue, slot_seconds, law), walked_streets(venue.streets, walker)
+    if part.left_out:
+        whole = _on_part(whole, part)
+    if (pace := walker.paces(part.town)) is not None:
+        whole = replace(whole, network=replace(whole.network, pace=jnp.asarray(pace)))
+    if (lifts := walker.lift_waits(part.town)) is not None:
+        whole = replace(whole, waits=whole.waits.with_fixed(jnp.asarray(lifts)))
+    origins, destinations = (ends_of(venue, walker, name) for name in ENDS)
+    return replace(whole, origins=origins, destinations=destinations)
 
 
-def attribution_of(place: Place) -> str:
-    """Whose streets a place has; "" where they are drawn."""
-    return town_of(place.streets).attribution if place.streets else ""
+@cached_by_files(lambda venue, *_: venue.files)
+def _crowded_streets(venue: Venue, slot_seconds: float, law: Law) -> ScenarioMap:
+    """All streets of a venue, with their crowds and waits."""
+    snapper = Snapper(town_of(venue.streets))
+    network = snapper.town.network()
+    flow, test_flow, sensors = crowds_of(venue, snapper, network, slot_seconds, law)
+    waits = waits_of(snapper, venue.traffic)
+    return ScenarioMap(network, flow, test_flow, _key(0, 0), (network.nodes,), sensors, waits=waits)
+
+
+def _on_part(whole: ScenarioMap, part: TownPart) -> ScenarioMap:
+    """Crowds and waits on the streets that are left."""
+    segments = jnp.asarray(part.segments())
+    flow, test_flow = (each.on_pieces(segments, jnp.ones(segments.shape)) for each in (whole.flow, whole.test_flow))
+    waits = whole.waits.on_pieces(segments, jnp.ones(segments.shape, bool))
+    return replace(whole, network=part.town.network(), flow=flow, test_flow=test_flow, waits=waits)
+
+
+def _paced(network: RoadNetwork, pace: Array | None, parent: Int[np.ndarray, " segment"]) -> RoadNetwork:
+    """A network of pieces of segments, each at the pace of its parent."""
+    return network if pace is None else replace(network, pace=pace[jnp.asarray(parent)])
 
 
 def waits_of(snapper: Snapper, traffic: Traffic | None) -> AnyWaits:
@@ -324,13 +278,15 @@ def waits_of(snapper: Snapper, traffic: Traffic | None) -> AnyWaits:
     return with_opening_times(waits, opening)
 
 
-def mistakes(venue: Venue) -> list[Fault]:
+def mistakes(venue: Venue, walker: Walker) -> list[Fault]:
     """Find what is wrong with the files that a venue names, and with what is looked for in them.
 
     Parameters
     ----------
     venue
         The place; its files may be missing or damaged.
+    walker
+        Who walks there.
 
     Returns
     -------
@@ -339,8 +295,10 @@ def mistakes(venue: Venue) -> list[Fault]:
     """
     found: list[Fault] = []
 
-    def attempt(keys: tuple[str, ...], function: Callable[..., Any], *arguments: Any) -> Any:
-        path = ("place", *keys)
+    def attempt(
+        keys: tuple[str, ...], function: Callable[..., Any], *arguments: Any, within: tuple[str, ...] = ("place",)
+    ) -> Any:
+        path = (*within, *keys)
         try:
             return function(*arguments)
         except SidestepError as error:
@@ -350,10 +308,11 @@ def mistakes(venue: Venue) -> list[Fault]:
     if snapper is not None and check_crowds(venue, snapper, attempt):
         for light in venue.traffic.lights if venue.traffic else ():
             attempt(("traffic", "lights", light.name), nearest, snapper, light.place, "lights", light.name)
-        origins = attempt(("origins",), crossings, snapper, "origins", venue.origins)
-        destinations = attempt(("destinations",), crossings, snapper, "destinations", venue.destinations)
-        if None not in (origins, destinations):
-            attempt(("destinations",), check_ways, snapper.town.network(), origins, destinations)
+        part = attempt(("walker",), walked_streets, venue.streets, walker, within=())
+        if part is not None:
+            origins, destinations = (attempt((name,), ends_of, venue, walker, name) for name in ENDS)
+            if None not in (origins, destinations):
+                attempt(("destinations",), check_ways, part.town.network(), origins, destinations)
     return found
 
 

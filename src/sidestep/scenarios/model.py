@@ -14,9 +14,10 @@ from sidestep.environment.types import Information, RewardWeights
 from sidestep.scenarios import values
 from sidestep.scenarios.places import Grid, Place
 from sidestep.scenarios.spec import ScenarioError, Spec
+from sidestep.scenarios.walkers import ADULT, AnyWalker
 from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.objective import TravelTime, WeightedObjective
-from sidestep.walking.speed_laws import Law
+from sidestep.walking.speed_laws import Law, SpeedLaw
 
 MOST_WEIGHT = 100.0  # of anything in an objective; sums of larger ones are lost in single precision
 MOST_SLOTS = 10_000  # of one walk; futures are worked out for each of them
@@ -164,6 +165,8 @@ class Scenario(Spec):
     """Speed by density; ``power`` is the paper's, above free speed where there is less than a person per m²."""
     rule: CrossingRule = "integrated"
     """How a segment is crossed while crowds change (:mod:`sidestep.walking.crossing_time`)."""
+    walker: AnyWalker = ADULT
+    """Who walks, or the kind of walker alone, such as ``"wheelchair"``."""
     reward: RewardSpec = RewardSpec()
     """What an agent is rewarded for."""
     objective: ObjectiveSpec = ObjectiveSpec()
@@ -182,6 +185,11 @@ class Scenario(Spec):
         lambda law, given: law != "power" or not given["place"].anywhere,
         "must have a speed on the empty streets of a venue, as power-capped and weidmann do",
     )
+    _own_law = values.across(
+        "walker",
+        lambda walker, given: walker.law != "power" or not given["place"].anywhere,
+        "must have a law with a speed on the empty streets of a venue, as power-capped and weidmann are",
+    )
     _few_slots = values.across(
         "slot_seconds",
         lambda seconds, given: (given["horizon"] + given["departures"][1]) / seconds <= MOST_SLOTS,
@@ -191,6 +199,11 @@ class Scenario(Spec):
     @property
     def called(self) -> str:
         return f"{self.name}, {self.place.called},"
+
+    @property
+    def speed_law(self) -> SpeedLaw:
+        """Speed of its walker by density."""
+        return self.walker.speed_law(self.law)
 
     @property
     def crowd_model(self) -> str:

@@ -23,6 +23,7 @@ from sidestep.scenarios.model import RewardSpec, Scenario, read_objective
 from sidestep.scenarios.places import CountColumns, Counters, CrowdTable, Light, Sensor, Traffic, Venue
 from sidestep.scenarios.spec import Fault, ScenarioError, faults, shown
 from sidestep.scenarios.toml_lines import line_of
+from sidestep.scenarios.walkers import read_walkers
 from sidestep.walking.speed_laws import Law
 
 LARGEST = 1 << 16  # bytes and
@@ -183,7 +184,9 @@ class ScenarioFile(Scenario):
     walks: values.Count = 500
 
 
-def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **changes: object) -> Scenario:
+def find_scenario(
+    name_or_file: str | Path, *, objective: str | None = None, walker: str | None = None, **changes: object
+) -> Scenario:
     """A built-in scenario by its name, or one in a file, with some fields changed.
 
     Parameters
@@ -193,6 +196,8 @@ def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **c
     objective
         What walkers keep low, instead of the scenario's own, as
         :func:`sidestep.scenarios.model.read_objective` reads it.
+    walker
+        Who walks, instead of the scenario's own walker, as :func:`sidestep.scenarios.walkers.read_walkers` reads it.
     **changes
         Fields of the scenario, its place or its crowd source.
 
@@ -203,6 +208,8 @@ def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **c
 
     Raises
     ------
+    ScenarioError
+        Several walkers (field ``walker``).
     SidestepError
         Unknown names and fields, wrong values, files that hold no scenario.
     """
@@ -211,6 +218,10 @@ def find_scenario(name_or_file: str | Path, *, objective: str | None = None, **c
     found = load_scenario(name) if name not in BUILT_IN and in_a_file else scenario(name)
     if objective is not None:
         changes["objective"] = read_objective(objective)
+    if walker is not None:
+        changes["walker"], *others = read_walkers(walker, found.walker)
+        if others:
+            raise ScenarioError(f"walker must be one only here, not {shown(walker)}", field="walker")
     return found.changed(**changes)
 
 
@@ -256,7 +267,7 @@ def load_scenario(path: str | Path) -> Scenario:
         read = ScenarioFile.model_validate(parsed, context={"folder": folder})
         from sidestep.scenarios.maps import mistakes  # with shapely, which wrong values need not wait for
 
-        if not (found := mistakes(read.place)):
+        if not (found := mistakes(read.place, read.walker)):
             return _with_sensors(Scenario.model_validate(read.model_dump() | {"name": read.name or name}))
     except ValidationError as error:
         found = faults(error, ScenarioFile)
