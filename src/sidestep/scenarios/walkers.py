@@ -196,7 +196,10 @@ def _walker(kind: str, changes: dict[str, str], own: Walker) -> Walker:
     if kind not in WALKERS:
         raise ScenarioError(f"walker {shown(kind)} is unknown{hint(kind, list(WALKERS))}", field="walker")
     given = {name: _value(value) for name, value in changes.items()}
-    return own.changed(**given) if kind == own.kind else WALKERS[kind](**given)
+    try:
+        return own.changed(**given) if kind == own.kind else WALKERS[kind](**given)
+    except ScenarioError as error:
+        raise ScenarioError(f"walker {kind}: {error}", field=error.field) from error
 
 
 def _value(text: str) -> object:
