@@ -292,7 +292,7 @@ def _with_sensors(found: Scenario) -> Scenario:
     match found.place:
         case Venue(crowd_source=Counters(sensors=()) as source) as venue:
             from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
-            from sidestep.scenarios.maps import town_of
+            from sidestep.scenarios.streets import town_of
 
             sensors = AUCKLAND_SENSORS if source.file == "auckland" else ()
             if source.streets_per_sensor == 1:

@@ -65,7 +65,7 @@ def begin(streets: str, counts: str, timezone: str | None = None) -> Beginning:
     if Beginning(streets, counts, timezone or HELSINKI_TIMEZONE) == Beginning():
         return Beginning()  # without a look at what comes with the package
     from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
-    from sidestep.scenarios.maps import town_of
+    from sidestep.scenarios.streets import town_of
 
     given = Venue(timezone=timezone or (HELSINKI_TIMEZONE if streets == "helsinki" else None))
     table, town = counts_of(counts, given.layout), town_of(streets)

@@ -11,7 +11,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int, Int16
+from jaxtyping import Array, Bool, Float, Int, Int16
 
 from sidestep.network.opening_hours import WEEK, OpenMinutes, open_minutes
 from sidestep.walking.waits import HOUR, Clocks, NoWaits, Scalar, Segments, Waits
@@ -65,6 +65,10 @@ class OpeningTimes(eqx.Module):
     def on_pieces(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "OpeningTimes":
         """The same on pieces of the segments. Each has the opening times of its street: the gate may be on any."""
         return replace(self, timetable=self.timetable[parent], traffic=self.traffic.on_pieces(parent, first))
+
+    def with_fixed(self, seconds: Float[Array, " segment"]) -> "OpeningTimes":
+        """The same with so many seconds more before segments, always."""
+        return replace(self, traffic=self.traffic.with_fixed(seconds))
 
 
 AnyWaits = OpeningTimes | Waits | NoWaits
