@@ -13,6 +13,7 @@ from sidestep.network.components import connect
 from sidestep.network.measures import width_table
 from sidestep.network.osm_files import OsmError
 from sidestep.network.osm_reader import Extract, read_extract
+from sidestep.network.pavements import name_pavements
 from sidestep.network.simplify import JOINED, SAME_PLACE, assign_crossings, merge_crossings, simplify
 from sidestep.network.splitting import split_ways
 from sidestep.network.streets import Nodes, Streets
@@ -123,6 +124,7 @@ def import_osm(
     streets, nodes = split_ways(extract, table)
     if not len(streets):
         raise OsmError(f"{path}: no streets, since it lacks the nodes of its {extract.walkable:,} walkable ways")
+    streets = name_pavements(extract, streets, nodes)
     dropped, repaired = extract.dropped, extract.repaired
     town = connect(streets, _ferry_links(extract))
     extract.limited["street: public, but reached only through restricted ones"] = int(town.secluded.sum())

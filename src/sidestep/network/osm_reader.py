@@ -194,7 +194,7 @@ def _add_way(extract: Extract, way: Any, tagged: dict[str, str], widths: Mapping
         excluded = excluded or "way: fewer than two nodes"
     if not walked:
         excluded = excluded or "way: contradicting directions"
-    name = _printable(tagged.get("name", ""))
+    name = _printable(tagged.get("name") or tagged.get("is_sidepath:of:name", ""))
     if excluded is not None:
         extract.dropped[excluded] += 1
         ferry = tagged["highway"] == tags.FERRY
