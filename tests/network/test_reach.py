@@ -511,3 +511,64 @@ def test_places_that_stand_with_the_ways_are_read(osm, tmp_path) -> None:
     with pytest.raises(OsmError) as caught:
         import_osm(path)
     assert caught.value.line == path.read_text().splitlines().index("<node/><</osm>") + 1
+
+
+# Kerbs and inclines.
+
+
+@pytest.mark.parametrize(
+    ("tags", "height"),
+    [
+        ("kerb=raised", 0.1),
+        ("barrier=kerb", 0.1),
+        ("barrier=kerb | kerb=flush", 0),
+        ("kerb=lowered", 0.03),
+        ("kerb=rolled", 0.05),
+        ("kerb=raised | kerb:height=14 cm", 0.14),
+        ("kerb:height=0.02", 0.02),
+        ("kerb=lowered | kerb:height=high", 0.03),
+    ],
+)
+def test_kerbs_on_a_way(across, tags: str, height: float) -> None:
+    for town, report in (across(middle=said(tags)), across({"highway": "footway", **said(tags)})):
+        assert max(town.kerb.tolist()) == pytest.approx(height)
+        assert (town.kerb > 0).sum() == (height > 0)
+        assert ("high" in tags) == any("kerb" in what for what in report.repaired)
+        assert metres(town) == ACROSS
+
+
+def test_a_kerb_where_streets_meet_is_that_of_the_crossing(build) -> None:
+    # A pavement 1-2-3 with a kerb at 2, from which a crossing leads to the pavement 4-5-6.
+    nodes = {1: (0, 0), 2: (100, 0, {"kerb": "raised"}), 3: (200, 0), 4: (0, 20), 5: (100, 20), 6: (200, 20)}
+    foot = {"highway": "footway"}
+    ways = {1: ((1, 2, 3), foot), 2: ((4, 5, 6), foot), 3: ((2, 5), {**foot, "footway": "crossing"})}
+    for way in (ways[3], ((2, 5), foot)):  # tagged as one, or known by its end
+        town, _ = build(nodes, {**ways, 3: way})
+        assert {round(float(metres)): float(kerb) > 0 for metres, kerb in zip(town.length, town.kerb, strict=True)} == {
+            100: False,
+            20: True,
+        }
+
+
+def test_inclines_turn_with_the_way(build) -> None:
+    nodes = {1: (0, 0), 2: (100, 0), 3: (100, 60)}
+    steep = {"highway": "footway", "incline": "8%"}
+    ways = {1: ((1, 2), {**steep, "oneway:foot": "-1"}), 2: ((1, 3, 2), {"highway": "steps", "incline": "up"})}
+    town, _ = build(nodes, ways)
+    rise = {round(float(metres)): float(incline) for metres, incline in zip(town.length, town.incline, strict=True)}
+    assert rise == {100: pytest.approx(-0.08), 177: pytest.approx(0.5)}
+
+
+def test_tags_that_nobody_understands_are_counted(across) -> None:
+    way = said("highway=footway | access=unheard-of | foot=yes;no | foot:conditional=no @ (wet) | opening_hours=later")
+    _, report = across({**way, "incline": "up"}, said("barrier=gate | access=yes | locked=yes | foot:forward=no"))
+    counted = dict(report.repaired)
+    counted.pop("crossing: two streets joined into one", None)
+    assert counted == {
+        "way: unknown access ignored": 1,
+        "way: contradicting access": 1,
+        "way: conditional access not understood": 1,
+        "way: opening hours not understood": 1,
+        "way: incline without a readable number ignored": 1,
+        "node: contradicting access": 1,
+    }
