@@ -309,10 +309,13 @@ def padded(streets: SplitStreets) -> SplitStreets:
     more = town.nodes + SPARE_NODES - network.nodes
     extra = len(town.street_of_segment()[0]) + SPARE_SEGMENTS - network.segments
     kept = np.append(np.arange(network.segments), np.zeros(extra, int))
-    of_segments = {name: np.asarray(getattr(network, name))[kept] for name in ("tail", "head", "length", "width")}
+    columns = {name: getattr(network, name) for name in ("tail", "head", "length", "width", "enters")}
+    of_segments = {name: np.asarray(column)[kept] for name, column in columns.items() if column is not None}
     of_nodes = {
         name: np.pad(getattr(network, name), [(0, more), (0, 0)], constant_values=value)
         for name, value in (("position", 0), ("exit_node", ABSENT), ("exit_segment", ABSENT))
     }
+    if network.area is not None:
+        of_nodes["area"] = np.pad(network.area, (0, more), constant_values=ABSENT)
     pieces = {name: getattr(streets, name)[kept] for name in ("parent", "street", "begin", "end")}
     return replace(streets, network=replace(network, **jax.device_put(of_nodes | of_segments)), **pieces)

@@ -1,0 +1,92 @@
+"""`sidestep route` past a gate that is shut at night, and into streets for those only who have an end there."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from sidestep.crowds.crowd_table import save_crowd_table
+from sidestep.crowds.table_reader import read_table
+from sidestep.errors import SidestepError
+from sidestep.network.formats import load_town, save_town
+from sidestep.network.town import Town
+from sidestep.planners.base import Planner
+from sidestep.routing.router import Router
+from sidestep.scenarios.reader import load_scenario
+
+OPEN = "06:00-22:00"
+NIGHT, NOON, DAWN = "2025-05-24T23:30", "2025-05-24T12:00", "2025-05-26T05:50"
+
+
+@pytest.fixture(scope="module")
+def venue(tmp_path_factory):
+    """A scenario on the block of footways, without a crowd."""
+    folder = tmp_path_factory.mktemp("block")
+
+    def make(name: str, town: Town, traffic: str = "") -> Path:
+        save_town(town, folder / f"{name}.npz")
+        again = load_town(folder / f"{name}.npz")
+        assert again.opening == town.opening
+        rows = [f"0,,2025-05-{day}T{hour:02}:00,0" for day in range(19, 26) for hour in range(24)]
+        (folder / "crowd.csv").write_text("\n".join(["street,direction,time,density", *rows]))
+        save_crowd_table(read_table(folder / "crowd.csv", town), folder / f"{name}-crowd.npz")
+        file = folder / f"{name}.toml"
+        file.write_text(
+            'law = "weidmann"\nhorizon_minutes = 60\ndepartures_minutes = [0, 0]\n'
+            f'[place]\nstreets = "{name}.npz"\nhours = [0, 24]\n'
+            f'[place.crowd_source]\nkind = "crowd_table"\nfile = "{name}-crowd.npz"\n{traffic}'
+        )
+        return file
+
+    return make
+
+
+def metres(router: Router, depart: str, planner: str | Planner = "expected", ends=(5, 10)) -> float:
+    found = router.plan(*ends, depart=depart, planner=planner)
+    assert found.arrives
+    return found.metres
+
+
+def test_the_gate_by_the_clock(venue, block) -> None:
+    router = Router(load_scenario(venue("gate", block(OPEN))))
+    assert [metres(router, depart) for depart in (NIGHT, NOON)] == pytest.approx([240, 169.7], abs=0.1)
+
+
+def test_a_wait_is_told(venue, make_town, sidestep) -> None:
+    # 0 and 1 are joined by a gate alone.
+    town = make_town([(0, 0), (100, 0), (200, 0)], [(0, 1), (1, 2)], opening=("", OPEN), name=("High Street", "Park"))
+    file = venue("park", town)
+    ends = ("--from", "0", "--to", "2", "--depart", DAWN)
+    said = sidestep("route", file, *ends)
+    assert said.returncode == 0, said.stderr
+    assert "wait until 06:00, then straight on" in said.stdout
+    found = json.loads(sidestep("route", file, *ends, "--json").stdout)
+    assert [leg["opens"] for leg in found["legs"]] == [None, "06:00"]
+    waited = 10 - 100 / 1.34 / 60
+    assert found["legs"][1]["minutes_until_open"] == pytest.approx(waited, abs=0.01)
+    assert found["legs"][1]["minutes"] == pytest.approx(waited + 100 / 1.34 / 60, abs=0.01)
+    assert found["expected_minutes"] == pytest.approx(10 + 100 / 1.34 / 60, abs=0.01)
+    assert found["steps"][1]["turn"] == "wait until 06:00, then straight on"
+    # From the middle of the park one waits as well: the gate may be at either end.
+    inside = json.loads(sidestep("route", file, "--from", "0,0.00135", "--to", "2", "--depart", DAWN, "--json").stdout)
+    assert inside["legs"][0]["opens"] == "06:00"
+    late = json.loads(sidestep("route", file, *ends[:-1], "2025-05-26T01:00", "--json").stdout)
+    assert (late["arrives"], late["arrival_rate"], late["expected_minutes"]) == (False, 0, 60)
+
+
+def test_streets_for_those_who_have_an_end_there(venue, block) -> None:
+    town = block(restricted=True)
+    router = Router(load_scenario(venue("residents", town)))
+    assert metres(router, NOON) == pytest.approx(240, abs=0.1)
+    longitude, latitude = town.course(24).mean(axis=0).tolist()
+    middle = (latitude, longitude)
+    for ends in ((5, middle), (middle, 10)):
+        assert metres(router, NOON, ends=ends) == pytest.approx(84.9, abs=0.1)
+        assert metres(router, NOON, "shortest-path", ends) == pytest.approx(84.9, abs=0.1)
+
+
+def test_a_street_that_is_never_open_is_no_way(venue, make_town) -> None:
+    town = make_town([(0, 0), (100, 0), (200, 0)], [(0, 1), (1, 2)], opening=("", "off"))
+    with pytest.raises(SidestepError) as caught:
+        load_scenario(venue("off", town))
+    assert caught.value.field == "place.destinations"
