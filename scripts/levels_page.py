@@ -65,8 +65,8 @@ other planner states its level and is compared with those of the same level.
 
 | level | what the walker observes (`sidestep.environment.types.Observation`) | its own estimate of the time to the destination | planners of the level |
 |---|---|---|---|
-| `position` | the crossing, x and y (m), the exits | none | `random-walk`, `random-progress` |
-| `local` | + the clock (s) and the way to the destination (m); for each segment that leaves: its length (m), the time to cross it in the crowd and with the lights seen now (s), where it leads (m), how many steps ago its end was left (eight crossings are remembered) | each segment as seen now, then a straight line at free speed | `greedy-local` |
+| `position` | the crossing, x and y (m), the exits that may be taken | none | `random-walk`, `random-progress` |
+| `local` | + the clock (s) and the way to the destination (m); for each segment that leaves: its length (m), the time to cross it in the crowd and with the gates and lights seen now (s), where it leads (m), how many steps ago its end was left (eight crossings are remembered) | each segment as seen now, then a straight line at free speed | `greedy-local` |
 | `map` | + for each segment that leaves: its expected time now (s), and the expected time from its end to the destination (s) | each segment as seen now, then the fastest path through the expected crowds | `shortest-path`, `expected`, `greedy-map` |
 | `live` | + for each segment that leaves: the time to the destination if all crowds stay as counted now, and if they go on as forecast (s) | the forecast | `snapshot`, `forecast` |
 | hindsight | the whole future | | `clairvoyant`, which nobody beats |
@@ -77,6 +77,10 @@ small network for all segments of all crossings. Its last layers begin at zero, 
 always the same, agents of the levels `local` and `map` also learn four to eight numbers for each crossing and quarter of
 an hour, and can walk that map only. Agents of level `live`, and all that are trained on several maps, can walk any grid.
 [Towns](towns.md) whose crowds are interpolated between counters show walkers more, and need agents of their own.
+
+Streets for those only whose walk begins or ends there ([streets](streets.md)) are no exits of other walks: at every level,
+and in every search, a restricted area may be left, and entered only by walks that end in it. Walkers wait before streets
+that are shut ([gates](traffic.md#gates)).
 
 The time to the destination is worked out backwards in time, for all crossings and hours in one pass
 ([`environment/cost_to_go.py`](../src/sidestep/environment/cost_to_go.py)). It is linear within slots of five minutes;

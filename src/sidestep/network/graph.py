@@ -127,7 +127,7 @@ class RoadNetwork(eqx.Module):
             Whether each may be taken.
         """
         if self.area is None or self.enters is None:
-            return jnp.ones(self.tail[segment].shape, bool)
+            return jnp.asarray(np.ones(self.tail[segment].shape, bool))  # plain numbers need no compiled program
         enters = self.enters[segment]
         if jnp.ndim(destination) == 0:
             ends_there = enters == self.area[destination]
