@@ -50,6 +50,7 @@ def day(form: str, hours: Sequence[int] = FIVE, sep: str = ",") -> str:
         "20240325{hour:02}",
         "25/03/2024 {hour:02}:00",
         "25.3.2024 {hour}:00 Uhr",
+        "Mon 25/03/2024 {hour}:00",
         "25-03-2024 {hour:02}.00",
         "03/25/2024 {hour:02}:00",
         "March 25, 2024 {hour:02}:00",
@@ -138,6 +139,7 @@ def test_formats_that_are_said(read: Read) -> None:
         ("25/02/2024 {hour}:00", "dd/mm", "date_format"),
         ("30/02/2024 {hour}:00", "", "time"),
         ("25/02/2024 {hour}:61", "", "time"),
+        ("25 marraskuu 2024 {hour}:00", "", "time"),  # November, which is no March
     ):
         with pytest.raises(CountsError) as caught:
             read(day(form), date_format=said)

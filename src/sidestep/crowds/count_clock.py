@@ -138,7 +138,7 @@ def with_doubled_hours(sheet: Sheet, roles: Roles, layout: Layout, clock: Clock,
         row, sensor = int(entries.row[first]), entries.sensors[entries.sensor_of[entries.part[first]]]
         whose = f" of {quoted(sensor)}" if roles.sensor else ""
         column, rows = ("direction", "directions") if roles.sensor else ("sensor", "sensors")
-        hint = f"; if rows are {rows}, name their column by --columns {column}=…"
+        hint = "" if roles.direction else f"; if rows are {rows}, name their column by --columns {column}=…"
         time = np.datetime64(int(clock.wall[row]), "s")
         raise sheet.refuse(row, roles.when[0], f"a second count{whose} at {time}, where no clock goes back{hint}")
     said = f"clocks go back as in {zones[0]} and {len(zones) - 1} other timezones"

@@ -18,13 +18,24 @@ HOUR, DAY = 3600, 86400
 DAY_FIRST, MONTH_FIRST = "day-first", "month-first"
 _EPOCH = date(1970, 1, 1).toordinal()
 
-_MONTHS = {
-    name: number
-    for number, names in enumerate(
-        ("jan", "feb", "mar mär mae", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez"), 1
-    )
-    for name in names.split()
+_MONTHS = (
+    "january", "januar", "february", "februar", "march", "märz", "maerz", "april", "may", "mai", "june", "juni", "july",
+    "juli", "august", "september", "october", "oktober", "november", "december", "dezember",
+)  # fmt: skip
+_MONTH_OF = {
+    "jan": 1,
+    "feb": 2,
+    "mar": 3,
+    "mär": 3,
+    "mae": 3,
+    "apr": 4,
+    "may": 5,
+    "mai": 5,
+    "jun": 6,
+    "jul": 7,
+    "aug": 8,
 }
+_MONTH_OF |= {"sep": 9, "oct": 10, "okt": 10, "nov": 11, "dec": 12, "dez": 12}
 _CLOCK = r"(?P<H>\d{1,2})(?:[:.h](?P<M>\d{2})(?:[:.](?P<S>\d{2})(?:[.,]0+)?)?)?\s*(?:Uhr|h|(?P<p>[ap])\.?\s?m\.?)?"
 _END = r"\d{1,2}(?:[:.]\d{2}){0,2}\s*(?:Uhr|h|[ap]\.?\s?m\.?)?"  # of an hour whose begin stands before it
 _OFFSET = r"\s*(?P<z>Z|(?:UTC|GMT)?[-+]\d{2}(?::?\d{2})?|UTC|GMT)"
@@ -33,8 +44,8 @@ _THEN = rf"(?:(?:\s*[T,]\s*|\s+(?:at\s+|um\s+)?){_CLOCK}(?:{_OFFSET}|(?:\s+-\s+|
 _FORMS = {
     name: re.compile(pattern, re.IGNORECASE)
     for name, pattern in {
-        "year first": rf"(?P<y>\d{{4}})(?P<s>[-/.])(?P<m>\d{{1,2}})(?P=s)(?P<d>\d{{1,2}}){_THEN}",
-        "year last": rf"(?P<a>\d{{1,2}})(?P<s>[-/.])(?P<b>\d{{1,2}})(?P=s)(?P<y>\d{{4}}|\d{{2}}){_THEN}",
+        "year first": rf"{_WEEKDAY}(?P<y>\d{{4}})(?P<s>[-/.])(?P<m>\d{{1,2}})(?P=s)(?P<d>\d{{1,2}}){_THEN}",
+        "year last": rf"{_WEEKDAY}(?P<a>\d{{1,2}})(?P<s>[-/.])(?P<b>\d{{1,2}})(?P=s)(?P<y>\d{{4}}|\d{{2}}){_THEN}",
         "digits": r"(?P<y>\d{4})(?P<m>\d{2})(?P<d>\d{2})(?:[T\s]?(?P<H>\d{2}):?(?:(?P<M>\d{2}):?(?P<S>\d{2})?)?)?"
         rf"(?:{_OFFSET})?",
         "month by name": rf"{_WEEKDAY}(?P<n>[^\W\d]{{3,9}})\.?\s+(?P<d>\d{{1,2}})(?:st|nd|rd|th)?,?\s+"
@@ -227,7 +238,7 @@ def _date(text: str) -> _Written | None:
             continue
         said = {"s": "", "n": "", "p": None, **found.groupdict()}
         second = _seconds(said) if said["H"] else None
-        month = _MONTHS.get(said["n"][:3].lower()) if said["n"] else None
+        month = _month(said["n"]) if said["n"] else None
         if (said["H"] and second is None) or (said["n"] and month is None):
             continue
         first = month or said.get("m") or said.get("a")
@@ -235,6 +246,12 @@ def _date(text: str) -> _Written | None:
         form = (name, said["s"])
         return _Written(form, int(said["y"]), int(first), int(last), second, said["p"] is not None, _offset(said["z"]))  # type: ignore[arg-type]
     return None
+
+
+def _month(name: str) -> int | None:
+    """The number of a month, by its name or the beginning of it; other languages have names that begin alike."""
+    lower = name.lower()
+    return _MONTH_OF[lower[:3]] if any(each.startswith(lower) for each in _MONTHS) else None
 
 
 def _by_format(text: str, date_format: str) -> _Written | None:
