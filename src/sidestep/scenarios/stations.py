@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.network.snapping import Snapper, StreetPoint
@@ -163,6 +163,7 @@ def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tup
         raise ScenarioError(
             f"destinations: crossing {origins[0]} is the only origin, so nobody walks there", field="destinations"
         )
+    origins, destinations = (_one_each(network, ends) for ends in (origins, destinations))
     if not destinations:
         _check_everywhere(network, origins)
     for destination in destinations:
@@ -208,3 +209,14 @@ def _refuse(lost: Int[np.ndarray, " node"] | list[int], destination: int) -> Non
             "the part of the town in which all crossings reach each other, or import the streets by sidestep "
             "import-osm, which keeps it",
         )
+
+
+def _one_each(network: RoadNetwork, ends: tuple[int, ...]) -> tuple[int, ...]:
+    """The first of those ends that reach each other: from all of them, and to all, paths lead alike."""
+    if len(ends) < 2:
+        return ends
+    open_to_all = np.ones(network.segments, bool) if network.enters is None else np.asarray(network.enters) == ABSENT
+    ways = (open_to_all.astype(float), (np.asarray(network.tail), np.asarray(network.head)))
+    _, component = connected_components(csr_array(ways, shape=(network.nodes,) * 2), connection="strong")
+    _, first = np.unique(component[list(ends)], return_index=True)
+    return tuple(ends[number] for number in sorted(first.tolist()))
