@@ -13,9 +13,8 @@ from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
 from sidestep.walking.speed_field import SpeedField, Speeds
 from sidestep.walking.waits import Segments, Wait
 
-LOST = 1e7
-"""Cost in s of waiting until a street opens for longer than a walk may take: more than any walk costs. It is finite, so
-that walkers still tell nearer from farther."""
+LOST = 1e9
+"""Cost in s of waiting until a street opens for longer than a walk may take: as much as where no path leads."""
 
 
 def with_mean_waits(params: EnvParams) -> EnvParams:
