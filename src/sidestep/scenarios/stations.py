@@ -215,8 +215,9 @@ def _one_each(network: RoadNetwork, ends: tuple[int, ...]) -> tuple[int, ...]:
     """The first of those ends that reach each other: from all of them, and to all, paths lead alike."""
     if len(ends) < 2:
         return ends
-    open_to_all = np.ones(network.segments, bool) if network.enters is None else np.asarray(network.enters) == ABSENT
-    ways = (open_to_all.astype(float), (np.asarray(network.tail), np.asarray(network.head)))
+    taken = slice(None) if network.enters is None else np.asarray(network.enters) == ABSENT
+    tail, head = (np.asarray(each)[taken] for each in (network.tail, network.head))
+    ways = (np.ones(len(tail)), (tail, head))
     _, component = connected_components(csr_array(ways, shape=(network.nodes,) * 2), connection="strong")
     _, first = np.unique(component[list(ends)], return_index=True)
     return tuple(ends[number] for number in sorted(first.tolist()))
