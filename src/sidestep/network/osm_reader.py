@@ -243,13 +243,14 @@ def _read_nodes(file: Any, extract: Extract) -> None:
     for node in nodes:
         if not isinstance(node, osmium.osm.Node):
             continue
-        there = not node.deleted and node.location.valid()
+        location = node.location
+        there = not node.deleted and location.valid()
         if there and len(node.tags):
             tagged[len(found)] = dict(node.tags)
         found.append(node.id)
         versions.append(node.version)
-        lon.append(node.location.lon if there else np.nan)
-        lat.append(node.location.lat if there else np.nan)
+        lon.append(location.lon if there else np.nan)
+        lat.append(location.lat if there else np.nan)
     numbers = np.array(found, np.int64)
     order = np.lexsort((np.array(versions, np.int64), numbers))  # stable: of the same version the last in the file
     rows = order[np.append(numbers[order][1:] != numbers[order][:-1], True)[: len(order)]]
