@@ -112,3 +112,7 @@ def test_who_turns_round_is_told_so() -> None:
 
 def test_no_time_no_crowds() -> None:
     assert mean_density([]) == 0
+
+
+def test_bearings_across_the_antimeridian() -> None:
+    assert bearings(np.array([[179.9999, 0.0], [-179.9999, 0.0]])) == pytest.approx((90, 90))
