@@ -80,7 +80,7 @@ def test_a_point_in_a_restricted_street_is_inside(block) -> None:
     network, node = streets.network, streets.nodes[0]
     assert (int(network.area[node]), node) == (0, 16)
     assert refused(network, node) == set()
-    # Whoever begins there may leave by both ends, but nobody comes by.
+    # Who begins there may leave by both ends, but nobody comes by.
     assert refused(network, 10) == {(5, 16), (10, 16)}
 
 

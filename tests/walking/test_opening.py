@@ -34,7 +34,7 @@ def seconds(waits: AnyWaits, segment: int, hour: float, clock: float = 0.0) -> f
     ("segment", "hour", "clock", "wait"),
     [
         (PARK, 12, 0, 0),
-        (PARK, 22, 0, 8 * 3600),  # shut for whoever comes at 22:00
+        (PARK, 22, 0, 8 * 3600),  # shut for those who come at 22:00
         (PARK, 21, 3599, 0),
         (PARK, 21, 3599.75, 0),
         (PARK, 21.5, 1800, 8 * 3600),
@@ -103,6 +103,6 @@ def test_nobody_leaves_before_those_who_came_earlier(
     assert late >= early - 0.05  # single precision, three days later
     assert early >= min(one, other)
     minutes = open_minutes(TIMES[segment])
-    # Whoever leaves a gate leaves it open.
+    # Who leaves a gate leaves it open.
     passed = minute * 60 + float(min(one, other) + waits.until_open(*come, jnp.float32(min(one, other))))
     assert any(minutes[int((passed + rounding) // 60) % len(minutes)] for rounding in (-0.05, 0.05))
