@@ -131,7 +131,6 @@ def test_dropped_ways_are_counted_by_reason(build, tee) -> None:
         ({}, {1: ((1, 2), FOOT)}, "lacks the nodes"),
         ({1: (0, 0), 3: (50, 0)}, {1: ((1, 2, 3), FOOT)}, "lacks the nodes"),
         ({1: (0, 0), 2: (5, 0)}, {1: ((1, 2), FOOT)}, "no street between two crossings"),
-        ({1: (0, 0), 2: (50, 0), 3: (0, 50)}, {1: ((1, 2, 3, 1), FOOT)}, "no street between two crossings"),
         ({1: (0, 0), 2: (0, 0)}, {1: ((1, 2), FOOT)}, "no street between two crossings"),
         ({1: (0, 0), 2: (50, 0)}, {1: ((1, 2), {**FOOT, "oneway": "yes"})}, "no street between two crossings"),
     ],

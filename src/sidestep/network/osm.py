@@ -11,10 +11,11 @@ from jaxtyping import Int64
 from sidestep.network import tags
 from sidestep.network.components import connect
 from sidestep.network.measures import width_table
+from sidestep.network.merging import merge_crossings
 from sidestep.network.osm_files import OsmError
 from sidestep.network.osm_reader import Extract, read_extract
 from sidestep.network.pavements import name_pavements
-from sidestep.network.simplify import JOINED, SAME_PLACE, assign_crossings, merge_crossings, simplify
+from sidestep.network.simplify import JOINED, SAME_PLACE, assign_crossings, simplify
 from sidestep.network.splitting import split_ways
 from sidestep.network.streets import Nodes, Streets
 from sidestep.network.town import ATTRIBUTION, MOST_CROSSINGS, Town
@@ -68,15 +69,16 @@ def import_osm(
 
     Ways are split where they meet, where an extract lacks their nodes, and where nobody may pass; the largest part in
     which every crossing can be reached from every other is kept. `sidestep.network.tags` decides which ways are walked,
-    `sidestep.network.obstacles` what bars them, `sidestep.network.simplify` what becomes of crossings.
+    `sidestep.network.obstacles` what bars them, `sidestep.network.simplify` which streets are one,
+    `sidestep.network.merging` which crossings are.
 
     Parameters
     ----------
     path
         A file whose name ends in .osm, .osm.gz, .osm.bz2 or .osm.pbf.
     merge
-        Crossings joined by a street shorter than this many metres become one, and so do streets between the same two
-        crossings whose lengths differ by less; 0 leaves them.
+        Crossings joined by a street shorter than this many metres become one if walks across keep their lengths within
+        half of it; so do streets that run beside each other and whose lengths differ by less. 0 leaves them.
     widths
         Metres available to walkers by kind of street, 0.3 to 100; other kinds keep their width in
         `sidestep.network.tags.WIDTHS`.
@@ -131,10 +133,12 @@ def import_osm(
     dropped["street: reached only by ferry"] = int(town.by_ferry.sum())
     dropped["street: outside the largest connected part"] = int((~town.kept & ~town.by_ferry).sum())
     before = replace(streets, restricted=streets.restricted | town.secluded).keep(town.kept)
-    streets = merge_crossings(assign_crossings(before, nodes.kind), nodes, merge)
+    single, fewer = simplify(assign_crossings(before, nodes.kind), 0)
+    streets = merge_crossings(single, nodes, merge)
     streets = replace(streets, length=np.maximum(streets.length, SAME_PLACE))  # lifts lead nowhere on the map
-    dropped["street: inside a merged crossing"] = len(before) - len(streets)
-    streets, fewer = simplify(streets, merge)
+    dropped["street: inside a merged crossing"] = len(single) - len(streets)
+    streets, more = simplify(streets, merge)
+    fewer.update(more)
     repaired[JOINED] = fewer.pop(JOINED)
     dropped.update(fewer)
     if not len(streets):

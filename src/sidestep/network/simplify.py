@@ -1,4 +1,4 @@
-"""Fewer crossings and streets: crossings near each other become one, loops and parallel streets go, chains are joined.
+"""Fewer crossings and streets: loops and parallel streets go, chains are joined.
 
 Where rows can be handled at once they are; plain loops remain only where one decision depends on the last, and run
 over the few streets concerned.
@@ -9,16 +9,18 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int, Int64
 
-from sidestep.network.geodesy import Projection, course_lengths
-from sidestep.network.streets import Nodes, Streets, ranges
+from sidestep.network.geodesy import Projection
+from sidestep.network.streets import LONG_LOOP, Streets, ranges
 from sidestep.network.tags import FULL_WIDTH, WIDTHS, CrossingKind
 
 SAME_PLACE = 0.1
-"""Metres along a street within which its ends are one crossing even where nothing is to be merged."""
-MOST_NEIGHBOURS = 7
-"""Of a merged crossing: every crossing is padded to the exits of the busiest one."""
+"""Metres within which places are the same even where nothing is to be merged."""
+BESIDE = 5.0
+"""Metres from each other within which parallel streets are one; those farther apart, such as the banks of a river, are
+two, however alike their lengths."""
 JOINED = "crossing: two streets joined into one"
 """What reports call a node that goes since just two streets meet there."""
 
@@ -54,51 +56,6 @@ def assign_crossings(streets: Streets, kind: Int[np.ndarray, " node"]) -> Street
     return replace(streets, traffic=traffic)
 
 
-def merge_crossings(streets: Streets, nodes: Nodes, metres: float) -> Streets:
-    """Merge crossings that are joined by short streets.
-
-    The shortest streets go first. A street stays if its merged crossing would be larger than twice ``metres`` (the
-    diagonal of the box around it) or would have streets to more than ``MOST_NEIGHBOURS`` others. Only streets join
-    crossings, so a bridge never merges with what is below it. The node nearest to the mean of the merged ones
-    represents the crossing; the other streets are extended to it in a straight line, so that walks across the crossing
-    stay about as long as they were.
-
-    Crossings of vehicle traffic along a street that goes are passed on to the streets of the merged crossing, each to
-    the one that has been given the fewest so far, and of those to the shortest.
-
-    Parameters
-    ----------
-    streets
-        All streets.
-    nodes
-        The nodes that streets join.
-    metres
-        Length below which a street is short.
-
-    Returns
-    -------
-    Streets
-        The streets that are left.
-    """
-    least = max(metres, SAME_PLACE)
-    ordinary = streets.category == 0
-    streets = replace(streets, length=np.maximum(streets.length, ~ordinary * SAME_PLACE))
-    short = np.flatnonzero(ordinary & (streets.length < least))
-    if not len(short):
-        return streets
-    known = nodes.place[~np.isnan(nodes.place[:, 0])]
-    xy = np.nan_to_num(Projection.of(known).project(nodes.place))
-    cluster = _clusters(streets, short[np.argsort(streets.length[short], kind="stable")], xy, 2 * least)
-    total = np.stack([np.bincount(cluster, along) for along in xy.T], axis=1)
-    mean = total / np.bincount(cluster)[:, None]
-    order = np.lexsort((nodes.ids, np.hypot(*(xy - mean[cluster]).T), cluster))
-    nearest = order[np.diff(cluster[order], prepend=-1) > 0]
-    ends = nearest[cluster][streets.ends]
-    gone = ordinary & (streets.length < least) & (ends[:, 0] == ends[:, 1])
-    streets = _pass_on_traffic(streets, gone, ends)
-    return _extend(streets.keep(~gone), ends[~gone], nodes.place)
-
-
 def simplify(streets: Streets, metres: float) -> tuple[Streets, Counter[str]]:
     """Drop loops and parallel streets, and merge nodes of degree two, until nothing changes.
 
@@ -131,8 +88,9 @@ def merge_degree_two(streets: Streets) -> Streets:
     """Join the streets at nodes where just two meet.
 
     A node stays where a one-way street meets another of another direction, or one that is walked both ways, and where
-    streets of different categories meet. Joined streets have the mean width and incline by length, the kind and name of
-    the longer part, and the highest kerb. A town that is one ring stays as it is.
+    streets of different categories meet. One node stays on a loop of ``LONG_LOOP`` metres or more, so that it is two
+    streets. Joined streets have the mean width and incline by length, the kind and name of the longer part, and the
+    highest kerb. A town that is one ring stays as it is.
 
     Parameters
     ----------
@@ -145,6 +103,7 @@ def merge_degree_two(streets: Streets) -> Streets:
         The joined streets.
     """
     end, starts = _chains(streets)
+    starts = _without_long_loops(streets, end, starts)
     if len(starts) in (0, len(streets)):
         return streets
     border = np.append(starts, len(end))
@@ -158,97 +117,55 @@ def merge_degree_two(streets: Streets) -> Streets:
     order, first = ranges(begin, counts, step)
     length = streets.length[street]
     total = np.add.reduceat(length, starts)
+    weight = np.maximum(length, SAME_PLACE)  # of nodes at the same place some are joined before they merge
+    weights = np.add.reduceat(weight, starts)
     ends = streets.ends.ravel()  # numbered as by _chains
-    rise = length * streets.incline[street] * step
+    rise = weight * streets.incline[street] * step
     return Streets(
         ends=np.stack([ends[end[starts]], ends[end[border[1:] - 1] ^ 1]], axis=1),
         one_way=streets.one_way[street[starts]],
         length=total,
-        width=np.add.reduceat(length * streets.width[street], starts) / total,
+        width=np.add.reduceat(weight * streets.width[street], starts) / weights,
         kind=_longest_part(streets.kind[street], chain, length),
         name=_longest_part(streets.name[street], chain, length),
         traffic=np.add.reduceat(streets.traffic[street], starts),
         opening=streets.opening[street[starts]],
         restricted=streets.restricted[street[starts]],
-        incline=np.add.reduceat(rise, starts) / total,
+        incline=np.add.reduceat(rise, starts) / weights,
         kerb=np.maximum.reduceat(streets.kerb[street], starts),
         points=streets.points[order],
         first=first[border],
     )
 
 
-def _clusters(
-    streets: Streets, order: Int[np.ndarray, " short"], xy: Float[np.ndarray, "node 2"], extent: float
-) -> Int64[np.ndarray, " node"]:
-    """Contract short streets in the order given; number the cluster, from 0, that each node then belongs to."""
-    parent = list(range(len(xy)))
-    low, high = xy.copy(), xy.copy()  # corners of the box around each cluster, at its root
-    near: dict[int, set[int]] = {node: set() for node in np.unique(streets.ends[order]).tolist()}
-    for tail, head in streets.ends[np.isin(streets.ends, list(near)).any(axis=1)].tolist():
-        near.get(tail, set()).add(head)
-        near.get(head, set()).add(tail)
-
-    def root(node: int) -> int:
-        while parent[node] != node:
-            parent[node] = node = parent[parent[node]]
-        return node
-
-    for tail, head in streets.ends[order].tolist():
-        a, b = root(tail), root(head)
-        if a == b:
-            continue
-        corners = np.minimum(low[a], low[b]), np.maximum(high[a], high[b])
-        diagonal = np.hypot(*(corners[1] - corners[0]))
-        around = {root(node) for node in near[a] | near[b]} - {a, b}
-        # Nodes at the same place merge in any case, since no street can be 0 m long.
-        if diagonal == 0 or (diagonal <= extent and len(around) <= MOST_NEIGHBOURS):
-            parent[b] = a
-            low[a], high[a] = corners
-            near[a] = around
-    return np.unique([root(node) for node in range(len(xy))], return_inverse=True)[1]
-
-
-def _pass_on_traffic(streets: Streets, gone: Bool[np.ndarray, " street"], ends: Int[np.ndarray, "street 2"]) -> Streets:
-    """Pass crossings of vehicle traffic on removed streets on to other streets of the same merged crossing."""
-    heirs: dict[int, list[int]] = {node: [] for node in ends[gone, 0].tolist()}
-    stays = np.flatnonzero(~gone & (ends[:, 0] != ends[:, 1]))
-    for street in stays[np.argsort(streets.length[stays], kind="stable")].tolist():
-        for end in ends[street].tolist():
-            heirs.get(end, []).append(street)
-    given: Counter[int] = Counter()
-    traffic = streets.traffic.copy()
-    for street in np.flatnonzero(gone & traffic.any(axis=1)).tolist():
-        if candidates := heirs[int(ends[street, 0])]:
-            heir = min(candidates, key=lambda candidate: given[candidate])
-            given[heir] += int(traffic[street].sum())
-            traffic[heir] += traffic[street]
-    return replace(streets, traffic=traffic)
-
-
-def _extend(streets: Streets, ends: Int[np.ndarray, "street 2"], place: Float[np.ndarray, "node 2"]) -> Streets:
-    """Extend courses to other ends, which represent merged crossings."""
-    before, after = (ends != streets.ends).T
-    at = np.concatenate([streets.first[1:][after], streets.first[:-1][before]])
-    points = np.insert(streets.points, at, place[np.concatenate([ends[after, 1], ends[before, 0]])], axis=0)
-    first = streets.first + np.append(0, np.cumsum(before.astype(int) + after))
-    return replace(streets, ends=ends, points=points, first=first, length=course_lengths(points, first))
-
-
 def _parallel(streets: Streets, metres: float) -> Bool[np.ndarray, " street"]:
-    """Find streets hardly longer than others between the same crossings, in all directions that they are walked."""
-    alike = np.column_stack([np.sort(streets.ends, axis=1), streets.category])
-    _, pair, size = np.unique(alike, axis=0, return_inverse=True, return_counts=True)
-    order = np.lexsort((streets.one_way, streets.length))
-    least = max(metres, _MIN_EXCESS)
+    """Find streets beside others of their category that are hardly longer, in all directions that they are walked."""
+    low, high = np.sort(streets.ends, axis=1).T
     dropped = np.zeros(len(streets), bool)
-    shortest: dict[tuple[int, int, int], float] = {}
-    for street in order[size[pair[order]] > 1].tolist():
+    _, pair, size = np.unique(low * (high.max(initial=0) + 1) + high, return_inverse=True, return_counts=True)
+    order = np.lexsort((streets.one_way, streets.length))
+    order = order[size[pair[order]] > 1]
+    if not len(order):
+        return dropped
+    excess, beside = max(metres, _MIN_EXCESS), max(min(metres, BESIDE), SAME_PLACE)
+    category, plane = streets.category, Projection.of(streets.points)
+    course = {i: shapely.LineString(plane.project(streets.points[slice(*streets.first[i : i + 2])])) for i in order}
+    stay: dict[tuple[int, int, int], list[int]] = {}  # from the shortest on, by ends and category
+    for street in order.tolist():
         tail, head = streets.ends[street].tolist()
-        length, group = float(streets.length[street]), int(pair[street])
-        directions = [(group, tail, head)] if streets.one_way[street] else [(group, tail, head), (group, head, tail)]
-        dropped[street] = all(length - shortest.get(direction, -np.inf) < least for direction in directions)
-        for direction in directions:
-            shortest.setdefault(direction, length)
+        directions = [(tail, head)] if streets.one_way[street] else [(tail, head), (head, tail)]
+        keys = [(*direction, int(category[street])) for direction in directions]
+        dropped[street] = all(
+            any(
+                streets.length[street] - streets.length[other] < excess
+                and shapely.hausdorff_distance(course[street], course[other]) <= beside
+                for other in stay.get(key, ())
+            )
+            for key in keys
+        )
+        if not dropped[street]:
+            for key in keys:
+                stay.setdefault(key, []).append(street)
     return dropped
 
 
@@ -285,6 +202,21 @@ def _chains(streets: Streets) -> tuple[Int64[np.ndarray, " piece"], Int64[np.nda
             pieces.append(end)
             end = mate[end ^ 1]
     return np.array(pieces, np.int64), np.array(starts, np.int64)
+
+
+def _without_long_loops(
+    streets: Streets, end: Int64[np.ndarray, " piece"], starts: Int64[np.ndarray, " chain"]
+) -> Int64[np.ndarray, " shorter"]:
+    """Cut chains that lead back to where they begin, if they are long, at the joint nearest to their middle."""
+    border = np.append(starts, len(end))
+    node, walked = streets.ends.ravel(), np.append(0.0, np.cumsum(streets.length[end >> 1]))
+    loop = node[end[starts]] == node[end[border[1:] - 1] ^ 1] if len(starts) else np.zeros(0, bool)
+    long = loop & (np.diff(walked[border]) >= LONG_LOOP) & (np.diff(border) > 1)
+    cuts = []
+    for begin, stop in zip(border[:-1][long].tolist(), border[1:][long].tolist(), strict=True):
+        joints = walked[begin + 1 : stop]
+        cuts.append(begin + 1 + int(np.argmin(np.abs(joints - (walked[begin] + walked[stop]) / 2))))
+    return np.sort(np.append(starts, np.array(cuts, np.int64)))
 
 
 def _longest_part(

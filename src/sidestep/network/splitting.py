@@ -125,6 +125,10 @@ def _streets(extract: Extract, stops: _Stops, nodes: Nodes, origin: Int[np.ndarr
     near = gate | np.append(gate[1:], False) | np.append(False, gate[:-1])  # ends of pieces are crossings anyway
     stop = np.flatnonzero(stops.ends | (times[node] > 1) | near)
     joined = piece[stop[1:]] == piece[stop[:-1]]
+    # A loop is two streets: loops that are too short to be kept are joined again, and dropped.
+    loop = joined & (node[stop[1:]] == node[stop[:-1]])
+    stop = np.sort(np.append(stop, (stop[1:] + stop[:-1])[loop] // 2))
+    joined = piece[stop[1:]] == piece[stop[:-1]]
     begin, end = stop[:-1][joined], stop[1:][joined]
     order, first = ranges(begin, end - begin + 1)
     points = nodes.place[node[order]]

@@ -9,6 +9,9 @@ from jaxtyping import Bool, Float64, Int, Int8, Int64
 from sidestep.network.geodesy import course_lengths
 from sidestep.network.tags import SPECIAL, WIDTHS
 
+LONG_LOOP = 50.0
+"""Metres from which a street that leads back to where it begins is kept, as two streets."""
+
 
 @dataclass(frozen=True, eq=False)
 class Nodes:

@@ -63,7 +63,7 @@ class Town:
     one_way: Bool[np.ndarray, " street"]
     """Which streets are walked from tail to head only."""
     length: Float32[np.ndarray, " street"]
-    """Metres along the course."""
+    """Metres walked: along the course, and through its part of merged crossings at both ends."""
     width: Float32[np.ndarray, " street"]
     """Metres available to walkers."""
     kind: tuple[str, ...]
