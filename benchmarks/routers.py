@@ -55,16 +55,17 @@ class Osrm:
         script.write_text(FOOT.format(profiles=share, profile=profile))
         base = folder / f"{profile}.osrm"
         programs = share.parents[1] / "bin"
-        _run([programs / "osrm-extract", "-p", script, "-o", base, extract], LUA_PATH=f"{share}/?.lua;;")
-        _run([programs / "osrm-contract", base])
+        _run([programs / "osrm-extract", "-t", "1", "-p", script, "-o", base, extract], LUA_PATH=f"{share}/?.lua;;")
+        for program in ("osrm-partition", "osrm-customize"):  # contracting squares takes minutes
+            _run([programs / program, "-t", "1", base])
         self.engine = osrm.OSRM(
-            storage_config=str(base), use_shared_memory=False, max_locations_distance_table=-1, algorithm="CH"
+            storage_config=str(base), use_shared_memory=False, max_locations_distance_table=-1, algorithm="MLD"
         )
 
-    def starts_at(self, place: Float[np.ndarray, "2"]) -> bool:
-        """Tell whether a walk from this place starts exactly there."""
-        found = self.engine.Nearest(osrm.NearestParameters(coordinates=[tuple(place.tolist())]))
-        return float(found["waypoints"][0]["distance"]) < EXACT
+    def starts_at(self, node: int, place: Float[np.ndarray, "2"]) -> bool:
+        """Tell whether a walk from this place starts exactly at this node, not at another in the same place."""
+        found = self.engine.Nearest(osrm.NearestParameters(coordinates=[tuple(place.tolist())]))["waypoints"][0]
+        return float(found["distance"]) < EXACT and node in [int(found["nodes"][i]) for i in range(2)]
 
     def lengths(self, places: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place place"]:
         """Find the lengths of shortest walks in metres, NaN where there is none."""
@@ -80,14 +81,14 @@ class Valhalla:
         tiles = folder / "tiles"
         tiles.mkdir()
         config = valhalla.get_config(tile_extract="", tile_dir=tiles)
-        config["mjolnir"]["id_table_size"] = 1000  # the default, for a planet, takes minutes to set up
+        config["mjolnir"] |= {"concurrency": 1, "id_table_size": 1000}  # the default, for a planet, takes minutes
         file = folder / "valhalla.json"
         file.write_text(json.dumps(config))
         build = Path(valhalla.__file__).parent / "bin" / "valhalla_build_tiles"
         _run([build, "-c", file, extract])
         self.actor = valhalla.Actor(config)
 
-    def starts_at(self, place: Float[np.ndarray, "2"]) -> bool:
+    def starts_at(self, _node: int, place: Float[np.ndarray, "2"]) -> bool:
         """Tell whether a walk from this place starts exactly there."""
         lon, lat = place.tolist()
         found = self.actor.locate({"locations": [{"lon": lon, "lat": lat}], "costing": "pedestrian", "verbose": True})
@@ -142,7 +143,7 @@ def choose(
     """Draw nodes that all towns have and from which all routers start."""
     shared = sorted(set.intersection(*(set(town.ids.tolist()) for town in towns)))
     place = dict(zip(towns[0].ids.tolist(), towns[0].place, strict=True))
-    exact = [node for node in shared if all(router.starts_at(place[node]) for router in routers)]
+    exact = [node for node in shared if all(router.starts_at(node, place[node]) for router in routers)]
     print(f"{len(shared):,} nodes are in all towns; all routers start from {len(exact):,} of them, {places} are drawn")
     chosen = np.sort(np.random.default_rng(seed).choice(exact, min(places, len(exact)), replace=False))
     return chosen, np.stack([place[node] for node in chosen.tolist()])
