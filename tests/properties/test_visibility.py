@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from sidestep.network.areas import STRETCH, AreaError, cross_area
+from sidestep.network.visibility import STRETCH, AreaError, cross_area
 
 OUTLINE = st.lists(
     st.tuples(st.integers(0, 35), st.integers(3, 20)), min_size=3, max_size=14, unique_by=lambda at: at[0]

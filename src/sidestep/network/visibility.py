@@ -149,7 +149,7 @@ def _corners(polygon: shapely.Polygon) -> _Corners:
         ends = borders[place == place[corner]]
         end[corner] = ends[_angle(np.broadcast_to(begin[corner], ends.shape), ends).argmin()]
     begin, end = (ahead / np.hypot(*ahead.T)[:, None] for ahead in (begin, end))
-    reflex = _cross(begin, end) <= _STRAIGHT
+    reflex = cross(begin, end) <= _STRAIGHT
     return _Corners(xy[reflex], begin[reflex], end[reflex], touching[reflex], np.unique(xy[touching], axis=0))
 
 
@@ -183,7 +183,7 @@ def _visible(
         at = free[here[corner] - len(entries)]
         ahead = xy[there[corner]] - xy[here[corner]]
         ahead /= np.hypot(*ahead.T)[:, None]
-        sides = np.stack([_cross(ahead, corners.begin[at]), _cross(ahead, corners.end[at])])
+        sides = np.stack([cross(ahead, corners.begin[at]), cross(ahead, corners.end[at])])
         # Both borders of a corner are on the same side of the line, or the shortest walk would not bend here.
         bends = (sides.min(axis=0) >= -_STRAIGHT) | (sides.max(axis=0) <= _STRAIGHT)
         useful[corner] = bends & (~corners.touching[at] | _within(ahead, corners, at))
@@ -236,10 +236,22 @@ def _thin(
     return np.array(lines, np.int64).reshape(-1, 2)
 
 
-def _cross(a: Float64[np.ndarray, "_ 2"], b: Float64[np.ndarray, "_ 2"]) -> Float64[np.ndarray, " _"]:
+def cross(a: Float64[np.ndarray, "... 2"], b: Float64[np.ndarray, "... 2"]) -> Float64[np.ndarray, "..."]:
+    """Compute the cross products of vectors in the plane.
+
+    Parameters
+    ----------
+    a, b
+        The vectors; their shapes are broadcast.
+
+    Returns
+    -------
+    Float64[np.ndarray, "..."]
+        Positive where ``b`` points to the left of ``a``.
+    """
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _angle(a: Float64[np.ndarray, "_ 2"], b: Float64[np.ndarray, "_ 2"]) -> Float64[np.ndarray, " _"]:
     """Give the angle anticlockwise from one direction to another, 0 to 2 π."""
-    return np.arctan2(_cross(a, b), (a * b).sum(axis=-1)) % (2 * np.pi)
+    return np.arctan2(cross(a, b), (a * b).sum(axis=-1)) % (2 * np.pi)

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from sidestep.network.areas import MOST_CORNERS, STRETCH, AreaError, Lines, cross_area
+from sidestep.network.visibility import MOST_CORNERS, STRETCH, AreaError, Lines, cross_area
 
 SQUARE = [(0, 0), (100, 0), (100, 100), (0, 100)]
 
