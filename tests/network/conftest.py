@@ -11,8 +11,11 @@ from sidestep.network.town import Town
 DEGREE = 111_195.08  # m, on the equator in both directions: where these towns stand
 
 
-def osm_text(nodes, ways) -> str:
-    """Nodes: number -> (x, y) or (x, y, tags), in metres; ways: number -> (nodes, tags)."""
+def osm_text(nodes, ways, relations=()) -> str:
+    """Nodes: number -> (x, y) or (x, y, tags), in metres; ways: number -> (nodes, tags).
+
+    Relations: (ways with their roles, tags), numbered from 1.
+    """
 
     def tags(of):
         return "".join(f"<tag k={quoteattr(key)} v={quoteattr(value)}/>" for key, value in of.items())
@@ -24,6 +27,9 @@ def osm_text(nodes, ways) -> str:
     for number, (refs, of) in ways.items():
         through = "".join(f'<nd ref="{ref}"/>' for ref in refs)
         lines.append(f'<way id="{number}">{through}{tags(of)}</way>')
+    for number, (members, of) in enumerate(relations, 1):
+        named = "".join(f'<member type="way" ref="{ref}" role="{role}"/>' for ref, role in members)
+        lines.append(f'<relation id="{number}">{named}{tags({"type": "multipolygon", **of})}</relation>')
     return "\n".join([*lines, "</osm>\n"])
 
 
@@ -47,9 +53,9 @@ def tee():
 def build(tmp_path: Path):
     """Import nodes and ways."""
 
-    def make(nodes, ways, *, merge=0.0, **options) -> tuple[Town, ImportReport]:
+    def make(nodes, ways, relations=(), *, merge=0.0, **options) -> tuple[Town, ImportReport]:
         path = tmp_path / "town.osm"
-        path.write_text(osm_text(nodes, ways), encoding="utf-8")
+        path.write_text(osm_text(nodes, ways, relations), encoding="utf-8")
         return import_osm(path, merge=merge, **options)
 
     return make

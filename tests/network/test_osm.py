@@ -69,14 +69,6 @@ def test_one_node_alone_between_absent_ones_is_no_street(build, listed) -> None:
     assert listed(town) == [(1, 2, 50)]
 
 
-def test_an_area_is_walked_along_its_outline(build, listed) -> None:
-    # A square of 100 m, entered at 1 and 2: 100 m on one side, 300 m round the other.
-    nodes = {1: (0, 0), 2: (100, 0), 3: (100, 100), 4: (0, 100), 5: (0, -50), 6: (100, -50)}
-    square = {"highway": "pedestrian", "area": "yes"}
-    town, _ = build(nodes, {1: ((3, 4, 1, 2, 3), square), 2: ((1, 5), FOOT), 3: ((2, 6), FOOT)})
-    assert listed(town) == [(1, 2, 100), (1, 2, 300), (1, 5, 50), (2, 6, 50)]
-
-
 def test_streets_against_the_way_as_drawn_have_their_course_turned(build) -> None:
     nodes = {1: (0, 0), 2: (50, 20), 3: (100, 0), 4: (50, -80)}
     town, _ = build(nodes, {1: ((1, 2, 3), {**FOOT, "oneway:foot": "-1"}), 2: ((1, 4, 3), FOOT)})

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from sidestep.network.visibility import MOST_CORNERS, STRETCH, AreaError, Lines, cross_area
+from sidestep.network.visibility import MOST_CORNERS, STRETCH, AreaError, Lines, cross_area, free_space
 
 SQUARE = [(0, 0), (100, 0), (100, 100), (0, 100)]
 
@@ -36,7 +36,6 @@ def test_a_square_is_crossed_on_its_diagonal() -> None:
     lines, xy = crossed([SQUARE], entries=[(0, 0), (100, 100)])
     assert xy[lines.ends].tolist() == [[[0, 0], [100, 100]]]
     assert lines.width == pytest.approx(50)
-    assert not lines.repaired
     assert not len(lines.added)
 
 
@@ -73,7 +72,6 @@ def test_an_island_in_a_hole_is_apart() -> None:
     hole, island = [(20, 20), (80, 20), (80, 80), (20, 80)], [(40, 40), (60, 40), (60, 60), (40, 60)]
     lines, xy = crossed([island, SQUARE], [hole], entries=[(0, 0), (100, 0), (40, 40), (60, 60)])
     assert sorted(map(sorted, xy[lines.ends].tolist())) == [[[0, 0], [100, 0]], [[40, 40], [60, 60]]]
-    assert not lines.repaired
 
 
 def test_many_entries_stay_cheap() -> None:
@@ -120,7 +118,6 @@ def test_a_ring_that_crosses_itself_is_repaired() -> None:
     # A square whose last two nodes were swapped: two triangles that touch in the middle.
     places = [(0, 0), (100, 0), (0, 100), (100, 100)]
     lines, xy = crossed([places], entries=places)
-    assert lines.repaired
     assert sorted(map(sorted, xy[lines.ends].tolist())) == [[[0, 0], [100, 0]], [[0, 100], [100, 100]]]
 
 
@@ -128,12 +125,10 @@ def test_corners_that_repairing_makes_are_new_nodes() -> None:
     # Two holes that overlap in a cross, each of whose arms is a corner; the inner corners of the cross are new.
     flat, upright = [(10, 45), (90, 45), (90, 55), (10, 55)], [(45, 10), (55, 10), (55, 90), (45, 90)]
     lines, xy = crossed([SQUARE], [flat, upright], entries=[(0, 0), (40, 40), (100, 0), (60, 40)])
-    assert lines.repaired
     assert between(lines, xy, (0, 0), (100, 0)) == pytest.approx(100)
     assert between(lines, xy, (40, 40), (60, 40)) == pytest.approx(2 * np.hypot(5, 30) + 10)
     # Where rings of the outline overlap, the corner between them is where the walk bends.
     lines, xy = crossed([SQUARE, [(80, 80), (200, 80), (200, 200), (80, 200)]], entries=[(100, 0), (200, 80)])
-    assert lines.repaired
     assert lines.added.tolist() == [[100, 80]]
     assert between(lines, xy, (100, 0), (200, 80)) == pytest.approx(180)
 
@@ -142,6 +137,23 @@ def test_two_outer_rings_side_by_side_are_one_area() -> None:
     right = [(100, 0), (200, 0), (200, 100), (100, 100)]
     lines, xy = crossed([SQUARE, right], entries=[(0, 0), (200, 100)])
     assert xy[lines.ends].tolist() == [[[0, 0], [200, 100]]]
+
+
+@pytest.mark.parametrize(
+    ("outer", "inner", "expected"),
+    [
+        ([SQUARE], [], False),
+        ([SQUARE], [[(40, 40), (60, 40), (60, 60)]], False),
+        ([SQUARE, [(40, 40), (60, 40), (60, 60)]], [[(20, 20), (80, 20), (80, 80), (20, 80)]], False),  # an island
+        ([[(0, 0), (100, 0), (0, 100), (100, 100)]], [], True),
+        ([SQUARE, [(80, 80), (200, 80), (200, 200), (80, 200)]], [], True),
+        ([SQUARE], [[(90, 40), (110, 40), (110, 60)]], True),
+        ([SQUARE], [[(40, 40), (60, 40)]], True),
+    ],
+)
+def test_broken_rings_are_told(outer, inner, expected: bool) -> None:
+    rings = [[np.array(ring, float) for ring in rings] for rings in (outer, inner)]
+    assert free_space(*rings)[1] == expected
 
 
 @pytest.mark.parametrize("outer", [[(0, 0), (50, 0)], [(0, 0), (50, 0), (100, 0)], [(0, 0), (50, 0), (0, 0), (50, 0)]])

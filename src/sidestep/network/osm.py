@@ -9,11 +9,13 @@ import numpy as np
 from jaxtyping import Int64
 
 from sidestep.network import tags
+from sidestep.network.areas import cross_areas
 from sidestep.network.components import connect
+from sidestep.network.extract import Extract
 from sidestep.network.measures import width_table
 from sidestep.network.merging import merge_crossings
 from sidestep.network.osm_files import OsmError
-from sidestep.network.osm_reader import Extract, read_extract
+from sidestep.network.osm_reader import read_extract
 from sidestep.network.pavements import name_pavements
 from sidestep.network.simplify import JOINED, SAME_PLACE, assign_crossings, simplify
 from sidestep.network.splitting import split_ways
@@ -33,7 +35,9 @@ class ImportReport:
     ways: int
     """Ways that people might walk: those with a ``highway`` tag, platforms, piers and ferries."""
     walkable: int
-    """Ways of these that are walked."""
+    """Ways and areas of these that are walked."""
+    areas: int
+    """Areas that are walked across."""
     dropped: dict[str, int]
     """Number of ways and streets dropped, by reason."""
     repaired: dict[str, int]
@@ -123,6 +127,7 @@ def import_osm(
         raise OsmError("attribution must say in one line whose the streets are", field="attribution")
     path, table = Path(path), width_table(widths)
     extract = read_extract(path, table)
+    cross_areas(extract)
     streets, nodes = split_ways(extract, table)
     if not len(streets):
         raise OsmError(f"{path}: no streets, since it lacks the nodes of its {extract.walkable:,} walkable ways")
@@ -148,6 +153,7 @@ def import_osm(
         source=path.name,
         ways=extract.read,
         walkable=extract.walkable,
+        areas=extract.crossed,
         dropped=dict(+dropped),
         repaired=dict(+repaired),
         limited=dict(+extract.limited),

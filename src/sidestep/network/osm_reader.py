@@ -1,11 +1,10 @@
 """OpenStreetMap files as tables: what is walked, the nodes along it, and what stands in the way.
 
-The only module that imports osmium. A file is read twice: first its ways, then the nodes along them. A third time if it
-has several versions of its ways, of which the latest count.
+The only module that imports osmium. A file is read in turns: its relations, its ways, again if there are several
+versions of them, of which the latest count, and the nodes along these.
 """
 
 from array import array
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,103 +15,16 @@ import osmium
 
 from sidestep.files import reading
 from sidestep.network import measures, tags
-from sidestep.network.access import NEVER, Access
+from sidestep.network.access import NEVER, Access, access
+from sidestep.network.extract import Extract, Ways
 from sidestep.network.obstacles import kerb_height, passage
 from sidestep.network.osm_files import OsmError, file_format, rewritten_xml
+from sidestep.network.rings import closed_rings
 from sidestep.network.streets import Nodes
 
 _LONGEST_NAME = 255  # characters; OpenStreetMap takes no more
 _LARGEST_ID = 2**36  # the reader's filter takes smaller ones only; larger and negative ones are filtered here
 _KIND_CODES = {kind: code for code, kind in enumerate(tags.WIDTHS)}
-
-
-@dataclass(eq=False)
-class Courses:
-    """Ways as lists of nodes, compactly: extracts hold millions of nodes."""
-
-    refs: "array[int]" = field(default_factory=lambda: array("q"))
-    """Node numbers of all ways one after another."""
-    counts: "array[int]" = field(default_factory=lambda: array("q"))
-    """Nodes of each way."""
-    names: "array[int]" = field(default_factory=lambda: array("l"))
-    """Code of each way's name."""
-
-    def add(self, refs: list[int], name: int = 0) -> None:
-        """Add a way."""
-        self.refs.extend(refs)
-        self.counts.append(len(refs))
-        self.names.append(name)
-
-
-@dataclass(eq=False)
-class Ways(Courses):
-    """Walkable ways; their nodes are in walking direction where a way is one-way."""
-
-    kinds: "array[int]" = field(default_factory=lambda: array("l"))
-    """Position of each way's kind in ``WIDTHS``."""
-    widths: "array[float]" = field(default_factory=lambda: array("d"))
-    """Metres available to walkers."""
-    one_way: "array[int]" = field(default_factory=lambda: array("b"))
-    """1 where a way is walked in one direction only."""
-    second: "array[int]" = field(default_factory=lambda: array("b"))
-    """1 for the second of two rows of one way, which differ in direction and access."""
-    openings: "array[int]" = field(default_factory=lambda: array("l"))
-    """Code of each way's opening times."""
-    restricted: "array[int]" = field(default_factory=lambda: array("b"))
-    """1 for ways that only lead to destinations."""
-    inclines: "array[float]" = field(default_factory=lambda: array("d"))
-    """Rise for each metre; NaN where it is unknown."""
-    kerbs: "array[float]" = field(default_factory=lambda: array("d"))
-    """Metres of the highest kerb."""
-    levels: "array[int]" = field(default_factory=lambda: array("l"))
-    """Code of the level of each way; 0 where none is tagged."""
-    crossing: "array[int]" = field(default_factory=lambda: array("b"))
-    """1 where a way leads over a carriageway."""
-
-
-class Codes(dict[str, int]):
-    """Texts and their codes, in order; "" is 0."""
-
-    def __init__(self) -> None:
-        super().__init__({"": 0})
-
-    def __missing__(self, text: str) -> int:
-        return self.setdefault(text, len(self))
-
-
-@dataclass(eq=False)
-class Extract:
-    """What a file holds for walkers."""
-
-    ways: Ways = field(default_factory=Ways)
-    """What is walked."""
-    roads: Courses = field(default_factory=Courses)
-    """Streets with names that are not walked themselves, such as those whose pavements are ways of their own."""
-    ferries: Courses = field(default_factory=Courses)
-    """Ferries that take walkers."""
-    nodes: Nodes = field(default_factory=lambda: Nodes(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, np.int8)))
-    """All nodes along these, also those that the file lacks."""
-    passages: dict[int, Access] = field(default_factory=dict)
-    """Who may pass the nodes, by number, that are not always open to everybody."""
-    kerbs: dict[int, float] = field(default_factory=dict)
-    """Metres of the kerbs at nodes, by number."""
-    lifts: set[int] = field(default_factory=set)
-    """Numbers of nodes that are lifts between levels."""
-    names: Codes = field(default_factory=Codes)
-    openings: Codes = field(default_factory=Codes)
-    levels: Codes = field(default_factory=Codes)
-    read: int = 0
-    """Ways that people might walk: those with a ``highway`` tag, platforms, piers and ferries."""
-    walkable: int = 0
-    """Ways of these that are walked."""
-    dropped: Counter[str] = field(default_factory=Counter)
-    """Number of ways that are not walked, by reason."""
-    repaired: Counter[str] = field(default_factory=Counter)
-    """Number of ways and nodes that were changed, or tags ignored, by what was done."""
-    limited: Counter[str] = field(default_factory=Counter)
-    """Number of ways and nodes that are not open to everybody at all times, by how."""
-    located: tuple["array[int]", "array[float]"] = field(default_factory=lambda: (array("q"), array("d")))
-    """Numbers of nodes whose places stand with the ways, and these places: longitude, latitude."""
 
 
 def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
@@ -128,7 +40,7 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
     Returns
     -------
     Extract
-        At least one way, and all nodes that ways name.
+        At least one way or area, and all nodes that they name.
 
     Raises
     ------
@@ -142,10 +54,12 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
             raise OsmError("it is empty")
         xml = None if kind == "pbf" else rewritten_xml(path)
         file = osmium.io.File(str(path.resolve()), kind) if xml is None else osmium.io.FileBuffer(xml, "osm")
-        extract, latest = _read_ways(file, widths, None)
+        relations = _read_relations(file)
+        extract, latest = _read_ways(file, widths, relations, None)
         if latest is not None:
-            extract, _ = _read_ways(file, widths, latest)
-        if not extract.ways.counts:
+            extract, _ = _read_ways(file, widths, relations, latest)
+        _add_relations(extract, relations, widths)
+        if not extract.ways.counts and not extract.areas.counts:
             found = f"none of its {extract.read:,} highways is walkable" if extract.read else "it holds no highways"
             raise OsmError(f"no streets for walkers: {found}")
         try:
@@ -155,8 +69,50 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
         return extract
 
 
+@dataclass(eq=False)
+class _Relations:
+    """Multipolygons that might be walked."""
+
+    tagged: dict[int, dict[str, str]] = field(default_factory=dict)
+    """Their tags by number, with their kind as ``highway``."""
+    members: dict[int, list[tuple[int, bool]]] = field(default_factory=dict)
+    """Numbers of their ways, and whether these are around holes."""
+    pieces: dict[int, list[int]] = field(default_factory=dict)
+    """Nodes of these ways, as far as the file has them."""
+    outer: set[int] = field(default_factory=set)
+    """Numbers of ways around those that are walked, which are no areas of their own then."""
+
+
+def _read_relations(file: Any) -> _Relations:
+    """Read multipolygons that might be walked; of several versions the latest counts."""
+    found = _Relations()
+    versions: dict[int, int] = {}
+    for relation in osmium.FileProcessor(file, osmium.osm.RELATION):
+        if not isinstance(relation, osmium.osm.Relation):
+            continue
+        number = relation.id
+        if relation.version < versions.get(number, 0):
+            continue
+        versions[number] = relation.version
+        found.tagged.pop(number, None)
+        if relation.deleted or relation.tags.get("type") != "multipolygon":
+            continue
+        tagged = dict(relation.tags)
+        kind = tags.way_kind(tagged)
+        if kind is not None and tagged.get("area") != "no":
+            found.tagged[number] = {**tagged, "highway": kind}
+            members = [(member.ref, member.role == "inner") for member in relation.members if member.type == "w"]
+            found.members[number] = members
+    for number, tagged in found.tagged.items():
+        members = found.members[number]
+        found.pieces.update((way, []) for way, _ in members)
+        if tags.exclusion_reason(tagged) is None:
+            found.outer.update(way for way, inner in members if not inner)
+    return found
+
+
 def _read_ways(
-    file: Any, widths: Mapping[str, float], latest: dict[int, int] | None
+    file: Any, widths: Mapping[str, float], relations: _Relations, latest: dict[int, int] | None
 ) -> tuple[Extract, dict[int, int] | None]:
     """Read ways; of several versions only the given ones, which are returned if they are not known yet."""
     extract = Extract()
@@ -169,6 +125,9 @@ def _read_ways(
         known = versions.get(number)
         several |= known is not None and known != version
         versions[number] = version if known is None else max(known, version)
+        if number in relations.pieces and (latest is None or version == latest[number]):
+            relations.pieces[number] = [] if way.deleted else [node.ref for node in way.nodes]
+            _locate(extract, way)
         if way.deleted or not len(way.tags):
             continue
         tagged = dict(way.tags)
@@ -181,11 +140,13 @@ def _read_ways(
         elif known == version:
             extract.dropped["way: repeated number"] += 1
         else:
-            _add_way(extract, way, {**tagged, "highway": kind}, widths)
+            _add_way(extract, way, {**tagged, "highway": kind}, widths, number in relations.outer)
     return extract, versions if several else None
 
 
-def _add_way(extract: Extract, way: Any, tagged: dict[str, str], widths: Mapping[str, float]) -> None:
+def _add_way(
+    extract: Extract, way: Any, tagged: dict[str, str], widths: Mapping[str, float], of_relation: bool
+) -> None:
     """Add a way to what is walked, or to what is not."""
     refs = [node.ref for node in way.nodes]
     walked = tags.directions(tagged)
@@ -206,34 +167,98 @@ def _add_way(extract: Extract, way: Any, tagged: dict[str, str], widths: Mapping
             return
         _locate(extract, way)
         return
-    extract.walkable += 1
     _locate(extract, way)
-    width, ignored = measures.walkable_width(tagged, widths)
-    extract.repaired["way: unreadable width ignored"] += ignored
-    incline, ignored = measures.incline(tagged)
-    extract.repaired["way: incline without a readable number ignored"] += ignored
-    full = tagged["highway"] in tags.FULL_WIDTH
-    kerb, ignored = kerb_height(tagged) if full else (0.0, False)
-    extract.repaired["way: unreadable kerb taken as raised"] += ignored
-    ways, crossing = extract.ways, "crossing" in (tagged.get("footway"), tagged.get("path"), tagged.get("cycleway"))
-    for second, (direction, access) in enumerate(walked):
-        ways.add(refs if direction >= 0 else refs[::-1], extract.names[name])
-        ways.kinds.append(_KIND_CODES[tagged["highway"]])
-        ways.widths.append(width)
-        ways.one_way.append(direction != 0)
-        ways.second.append(second)
-        ways.openings.append(extract.openings[access.opening])
-        ways.restricted.append(access.restricted)
-        ways.inclines.append(incline if direction >= 0 else -incline)
-        ways.kerbs.append(kerb)
-        ways.levels.append(extract.levels[tagged.get("level") or tagged.get("layer", "")])
-        ways.crossing.append(crossing)
-    _note(extract, "way", *(access for _, access in walked))
+    if tags.is_area(tagged, refs[0] == refs[-1]):
+        if of_relation:
+            extract.dropped["area: mapped by a relation as well"] += 1
+            return
+        _add_area(extract, [(refs, False)], tagged, widths, whole=True)
+        return
+    extract.walkable += 1
+    for second, (direction, right) in enumerate(walked):
+        _add_row(extract, extract.ways, refs if direction >= 0 else refs[::-1], tagged, widths, direction, right)
+        extract.ways.second[-1] = second
+    _note_unreadable(extract, tagged)
+    _note(extract, "way", *(right for _, right in walked))
+
+
+def _add_relations(extract: Extract, relations: _Relations, widths: Mapping[str, float]) -> None:
+    """Add multipolygons, with what does not close of their rings."""
+    for number, tagged in relations.tagged.items():
+        extract.read += 1
+        excluded = tags.exclusion_reason(tagged)
+        members = relations.members[number]
+        if excluded is None and not any(relations.pieces[way] for way, _ in members):
+            excluded = "way: fewer than two nodes"
+        if excluded is not None:
+            extract.dropped[excluded] += 1
+            continue
+        rings: list[tuple[list[int], bool]] = []
+        whole = all(relations.pieces[way] for way, _ in members)
+        for around_hole in (False, True):
+            pieces = [relations.pieces[way] for way, inner in members if inner == around_hole]
+            closed, open_ones = closed_rings(pieces)
+            whole &= not open_ones
+            rings += [(refs, around_hole) for refs in (*closed, *open_ones)]
+        _add_area(extract, rings, tagged, widths, whole)
+
+
+def _add_area(
+    extract: Extract,
+    rings: list[tuple[list[int], bool]],
+    tagged: dict[str, str],
+    widths: Mapping[str, float],
+    whole: bool,
+) -> None:
+    """Add an area by its rings, each with whether it is around a hole; and whether they are whole."""
+    extract.walkable += 1
+    areas, right = extract.areas, access(tagged)
+    number = areas.numbers[-1] + 1 if areas.numbers else 0
+    for refs, inner in rings:
+        _add_row(extract, areas, refs, tagged, widths, 0, right)
+        areas.numbers.append(number)
+        areas.inner.append(inner)
+        areas.whole.append(whole)
+    _note_unreadable(extract, tagged)
+    _note(extract, "way", right)
+
+
+def _add_row(
+    extract: Extract,
+    ways: Ways,
+    refs: list[int],
+    tagged: dict[str, str],
+    widths: Mapping[str, float],
+    direction: int,
+    right: Access,
+) -> None:
+    """Add a row to a table of ways."""
+    ways.add(refs, extract.names[_printable(tagged.get("name", ""))])
+    ways.kinds.append(_KIND_CODES[tagged["highway"]])
+    ways.widths.append(measures.walkable_width(tagged, widths)[0])
+    ways.one_way.append(direction != 0)
+    ways.second.append(0)
+    ways.openings.append(extract.openings[right.opening])
+    ways.restricted.append(right.restricted)
+    incline, _ = measures.incline(tagged)
+    ways.inclines.append(incline if direction >= 0 else -incline)
+    ways.kerbs.append(kerb_height(tagged)[0] if tagged["highway"] in tags.FULL_WIDTH else 0.0)
+    ways.levels.append(extract.levels[tagged.get("level") or tagged.get("layer", "")])
+    ways.crossing.append("crossing" in (tagged.get("footway"), tagged.get("path"), tagged.get("cycleway")))
+    ways.storeys.append(tags.storey(tagged))
+
+
+def _note_unreadable(extract: Extract, tagged: dict[str, str]) -> None:
+    """Count measures of a way that cannot be read."""
+    kerb = tagged["highway"] in tags.FULL_WIDTH and kerb_height(tagged)[1]
+    extract.repaired["way: unreadable width ignored"] += measures.walkable_width(tagged)[1]
+    extract.repaired["way: incline without a readable number ignored"] += measures.incline(tagged)[1]
+    extract.repaired["way: unreadable kerb taken as raised"] += kerb
 
 
 def _read_nodes(file: Any, extract: Extract) -> None:
     """Read the nodes along ways; of several versions the latest counts."""
-    courses = (extract.ways, extract.roads, extract.ferries)
+    courses = (extract.ways, extract.areas, extract.roads, extract.ferries)
     ids = np.unique(np.concatenate([np.array(ways.refs, np.int64) for ways in courses]))
     found, versions, lon, lat = array("q"), array("q"), array("d"), array("d")
     tagged: dict[int, dict[str, str]] = {}
@@ -293,7 +318,7 @@ def _note(extract: Extract, what: str, *found: Access) -> None:
 
 def _locate(extract: Extract, way: Any) -> None:
     """Keep the places of nodes that stand with a way, as Overpass writes them."""
-    if way.nodes[0].location.valid() or way.nodes[-1].location.valid():
+    if len(way.nodes) and (way.nodes[0].location.valid() or way.nodes[-1].location.valid()):
         numbers, places = extract.located
         for node in way.nodes:
             if node.location.valid():

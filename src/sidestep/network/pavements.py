@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from jaxtyping import Float64, Int64
 
+from sidestep.network.extract import Extract
 from sidestep.network.geodesy import Projection
-from sidestep.network.osm_reader import Extract
 from sidestep.network.streets import Nodes, Streets, ranges
 from sidestep.network.tags import FULL_WIDTH, WIDTHS
 

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Int, Int64
 
 from sidestep.network.access import NEVER, Access, both
+from sidestep.network.extract import Extract
 from sidestep.network.geodesy import course_lengths
-from sidestep.network.osm_reader import Extract
 from sidestep.network.streets import Nodes, Streets, join_streets, ranges, straight_streets
 from sidestep.network.tags import FULL_WIDTH, WIDTHS, CrossingKind
 

@@ -1,5 +1,6 @@
 """What OpenStreetMap's tags mean for walkers: which ways are walked, in which direction, and by whom."""
 
+import re
 from collections.abc import Mapping
 from enum import IntEnum
 
@@ -28,6 +29,8 @@ SPECIAL = frozenset({"elevator", "steps"})
 
 FERRY = "ferry"
 """Kind of the ways of ferries, which are not walked."""
+_LEVEL = re.compile(r"[+-]?\d", re.ASCII)
+_GROUND = 10  # storey of level 0: nothing below has a number less than 1
 _CYCLING = frozenset({"yes", "designated", "permissive", "official"})
 _NEED_A_TAG = frozenset({"cycleway", "bridleway", "trunk", "trunk_link"})  # walked only where a tag says so
 _NEED_PAVEMENT = frozenset({"primary", "primary_link", "secondary", "secondary_link", "trunk", "trunk_link"})
@@ -156,3 +159,43 @@ def pavements(tags: Tags) -> tuple[str | None, str | None]:
     both = known.get(tags.get("sidewalk:both", ""))
     left, right = (both or side for side in either.get(plain, (known.get(plain),) * 2))
     return known.get(tags.get("sidewalk:left", ""), left), known.get(tags.get("sidewalk:right", ""), right)
+
+
+def is_area(tags: Tags, closed: bool) -> bool:
+    """Tell whether a closed way is walked across, and not around.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, with its kind as ``highway``.
+    closed
+        Whether it ends where it begins.
+
+    Returns
+    -------
+    bool
+        Whether it is tagged as an area; platforms, piers and pedestrian squares are, unless ``area=no``.
+    """
+    square = tags["highway"] in ("platform", "pier") or (
+        tags["highway"] == "pedestrian" and tags.get("place") == "square"
+    )
+    return closed and tags.get("area", "yes" if square else "no") == "yes"
+
+
+def storey(tags: Tags) -> int:
+    """Tell on which storey a way meets areas with which it shares no node.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way or area.
+
+    Returns
+    -------
+    int
+        The same number for those on the same level or layer; -1 in tunnels, on bridges and between levels, where only
+        common nodes join.
+    """
+    level = tags.get("level") or tags.get("layer") or "0"
+    apart = any(tags.get(key, "no") != "no" for key in ("tunnel", "bridge"))
+    return -1 if apart or _LEVEL.fullmatch(level) is None else _GROUND + int(level)

@@ -37,8 +37,6 @@ class Lines:
     """Metres east and north of new nodes: corners that come from repairing the rings."""
     width: float
     """Metres: twice the area by its perimeter, the width of a strip and half the side of a square."""
-    repaired: bool
-    """Whether the rings crossed themselves or each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ def cross_area(
     AreaError
         No area left within the rings, or more than ``MOST_CORNERS`` entries and corners.
     """
-    parts, repaired = _polygons([xy[ring] for ring in outer], [xy[ring] for ring in inner])
+    parts, _ = free_space([xy[ring] for ring in outer], [xy[ring] for ring in inner])
     nodes = np.concatenate([*outer, *inner, entries])
     number = dict(zip(map(tuple, xy[nodes].tolist()), nodes.tolist(), strict=True))  # of two at one place the entry
     added: list[tuple[float, float]] = []
@@ -104,13 +102,30 @@ def cross_area(
         name = np.array([*here.tolist(), *(number.get((x, y), -1) for x, y in at[len(here) :].tolist())], np.int64)
         lines.append(name[ends])
     area, perimeter = (float(measure(parts).sum()) for measure in (shapely.area, shapely.length))
-    return Lines(np.concatenate(lines), np.array(added).reshape(-1, 2), 2 * area / perimeter, repaired)
+    return Lines(np.concatenate(lines), np.array(added).reshape(-1, 2), 2 * area / perimeter)
 
 
-def _polygons(
+def free_space(
     outer: Sequence[Float64[np.ndarray, "_ 2"]], inner: Sequence[Float64[np.ndarray, "_ 2"]]
 ) -> tuple[list[shapely.Polygon], bool]:
-    """Build valid polygons of rings, the exterior anticlockwise and holes clockwise."""
+    """Build valid polygons of rings.
+
+    Parameters
+    ----------
+    outer, inner
+        Corners of the rings around the area and around its holes, each once, in metres.
+
+    Returns
+    -------
+    list, bool
+        Polygons that do not overlap, the exterior anticlockwise and holes clockwise; and whether rings crossed
+        themselves or each other, or were none.
+
+    Raises
+    ------
+    AreaError
+        No area is left within the rings.
+    """
     polygons, holes = ([shapely.Polygon(ring) for ring in rings if len(ring) >= 3] for rings in (outer, inner))
     broken = len(polygons) < len(outer) or len(holes) < len(inner)
     if len(outer) == len(polygons) == 1:
@@ -118,13 +133,19 @@ def _polygons(
         if area.is_valid:
             return _parts(area), broken
     sound, gaps = (shapely.make_valid(rings, method="structure", keep_collapsed=False) for rings in (polygons, holes))
+    # An outer ring in a hole is an island there; one in another outer ring is a hole that lacks its role.
+    islands = [_lies_in(polygon, gaps).any() for polygon in sound]
+    loose = np.array([_lies_in(polygon, sound).any() for polygon in sound], bool) & ~np.array(islands, bool)
+    sound, gaps = sound[~loose], np.append(gaps, sound[loose])
     area = shapely.Polygon()
     for polygon in sound:
-        # An outer ring that lies in a hole is an island there.
-        island = shapely.covers(gaps, polygon) & ~shapely.equals(gaps, polygon)
-        area = area.union(polygon.difference(shapely.union_all(gaps[~island])))
+        area = area.union(polygon.difference(shapely.union_all(gaps[~_lies_in(polygon, gaps)])))
     nested = np.isclose(area.area, shapely.area(sound).sum() - shapely.area(gaps).sum())
     return _parts(area), broken or not nested or not shapely.is_valid([*polygons, *holes]).all()
+
+
+def _lies_in(polygon: shapely.Geometry, others: np.ndarray) -> Bool[np.ndarray, " other"]:
+    return shapely.covers(others, polygon) & ~shapely.equals(others, polygon)
 
 
 def _parts(area: shapely.Geometry) -> list[shapely.Polygon]:
