@@ -3,7 +3,8 @@
     python benchmarks/streets.py            10⁶ nodes, invented
     python benchmarks/streets.py --side 50  fewer
 
-The extract is a grid of crossings 80 m apart with eight bends in every street.
+The extract is a grid of crossings 80 m apart with eight bends in every street, and a square with two entries in each
+twentieth block, each second of them with a hole.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from time import perf_counter
 
 import numpy as np
 import osmium
-from osmium.osm.mutable import Node, Way
+from osmium.osm.mutable import Node, Relation, Way
 
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.osm import import_osm
@@ -50,10 +51,35 @@ def write(path: Path, side: int) -> tuple[int, int]:
                 writer.add_node(Node(id=number, location=at(x + (to_x - x) * part + dx, y + (to_y - y) * part + dy)))
                 refs.append(number)
             ways.append([*refs, 1 + to_y * side + to_x])
+        squares = write_corners(writer, side, number, at)
         for i, refs in enumerate(ways):
             tags = {"highway": KINDS[i % 3], "name": f"Street {i % 5000}", "width": "3"}
             writer.add_way(Way(id=1 + i, nodes=refs, tags=tags))
-    return number, len(ways)
+        write_squares(writer, squares, 1 + len(ways))
+    return number + 6 * len(squares), len(ways) + 2 * len(squares)
+
+
+def write_corners(writer, side: int, number: int, at) -> list[tuple[list[int], list[int]]]:
+    squares = []
+    for x, y in [(i % side, i // side) for i in range(0, side * (side - 1), 20) if i % side < side - 1]:
+        corners = [(0.8, 0.2), (0.2, 0.8), (0.45, 0.45), (0.55, 0.45), (0.55, 0.55), (0.45, 0.55)]
+        for dx, dy in corners:
+            number += 1
+            writer.add_node(Node(id=number, location=at(x + dx, y + dy)))
+        one, other = 1 + y * side + x, 1 + (y + 1) * side + x + 1
+        hole = range(number - 3, number + 1)
+        squares.append(([one, number - 5, other, number - 4, one], [*hole, hole[0]]))
+    return squares
+
+
+def write_squares(writer, squares, first: int) -> None:
+    square = {"highway": "pedestrian", "area": "yes", "name": "Square"}
+    for i, rings in enumerate(squares):
+        for j, refs in enumerate(rings):
+            writer.add_way(Way(id=first + 2 * i + j, nodes=refs, tags={} if i % 2 or j else square))
+    for i in range(1, len(squares), 2):
+        members = [("w", first + 2 * i, "outer"), ("w", first + 2 * i + 1, "inner")]
+        writer.add_relation(Relation(id=i, members=members, tags={"type": "multipolygon", **square}))
 
 
 def main() -> None:
@@ -65,9 +91,11 @@ def main() -> None:
         nodes, ways = write(extract, side)
         # Writing is done, but counts towards the peak; it needs less than importing.
         began = perf_counter()
-        town, _ = import_osm(extract)
+        town, report = import_osm(extract)
         took, peak = perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-        print(f"{nodes:,} nodes, {ways:,} ways: imported in {took:.1f} s, at most {peak:.2f} GiB")
+        print(
+            f"{nodes:,} nodes, {ways:,} ways: imported in {took:.1f} s, at most {peak:.2f} GiB, {report.areas:,} areas"
+        )
         save_town(town, saved)
         import jax  # noqa: F401 - its import is not what is timed
 

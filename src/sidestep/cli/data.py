@@ -277,7 +277,8 @@ def print_json(report: "ImportReport | TableReport | CountReport", out: Path) ->
 
 def show_import(report: "ImportReport") -> None:
     """Print what an import of streets kept, dropped and repaired."""
-    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways, platforms, piers and ferries are walked")
+    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways, platforms, piers and ferries are walked, "
+          f"{report.areas:,} areas across")  # fmt: skip
     sizes = [
         ("before merging", report.nodes_before, report.streets_before, report.kilometres_before),
         ("kept", report.nodes, report.streets, report.kilometres),
