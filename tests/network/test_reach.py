@@ -312,7 +312,7 @@ def test_public_streets_behind_restricted_ones_are_restricted_too(build) -> None
     town, report = build(nodes, ways)
     assert report.limited == {
         "way: for destinations only": 1,
-        "street: public, but reached only through restricted ones": 1,
+        "street: public, but reached only through restricted ones": 2,
     }
     behind = {5, 6, 9}
     ends = town.ids[np.stack([town.tail, town.head], axis=1)].tolist()

@@ -155,7 +155,7 @@ def _add_way(
         excluded = excluded or "way: fewer than two nodes"
     if not walked:
         excluded = excluded or "way: contradicting directions"
-    name = _printable(tagged.get("name") or tagged.get("is_sidepath:of:name", ""))
+    name = _name(tagged)
     if excluded is not None:
         extract.dropped[excluded] += 1
         ferry = tagged["highway"] == tags.FERRY
@@ -233,7 +233,7 @@ def _add_row(
     right: Access,
 ) -> None:
     """Add a row to a table of ways."""
-    ways.add(refs, extract.names[_printable(tagged.get("name", ""))])
+    ways.add(refs, extract.names[_name(tagged)])
     ways.kinds.append(_KIND_CODES[tagged["highway"]])
     ways.widths.append(measures.walkable_width(tagged, widths)[0])
     ways.one_way.append(direction != 0)
@@ -324,6 +324,11 @@ def _locate(extract: Extract, way: Any) -> None:
             if node.location.valid():
                 numbers.append(node.ref)
                 places.extend((node.location.lon, node.location.lat))
+
+
+def _name(tagged: dict[str, str]) -> str:
+    """Take a way's own name, or that of the street along which it runs."""
+    return _printable(tagged.get("name") or tagged.get("is_sidepath:of:name", ""))
 
 
 def _printable(name: str) -> str:
