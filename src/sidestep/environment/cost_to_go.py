@@ -26,6 +26,8 @@ UNREACHABLE = 1e9
 """Cost in s where no path leads to the destination; finite, so that it can be interpolated."""
 SETTLED = 0.01
 """Change in s below which the iteration within a slot ends."""
+BEYOND = 1e5
+"""Cost in s above which it ends below a share of the cost, 1 s for as many seconds."""
 WINDOW = 24
 """Slots that a forecast looks ahead; beyond, crowds are taken to be as expected."""
 Destination = Bool[Array, " node"]
@@ -109,7 +111,9 @@ def cost_to_go(
             to_go, _, times = carry
             found = jnp.where(destination, 0.0, jnp.min(known + weight * to_go[head], axis=1))
             found = jnp.minimum(found, UNREACHABLE)
-            return found, jnp.max(jnp.abs(found - to_go)), times + 1
+            # Costs beyond all walks, between a slot with a path and one without, are too large to settle to the second.
+            change = jnp.abs(found - to_go) - jnp.where(found > BEYOND, found / BEYOND, 0.0)
+            return found, jnp.max(change), times + 1
 
         # Rounding of very long times might never settle.
         start = (table[slot + 1], jnp.float32(jnp.inf), jnp.int32(0))
