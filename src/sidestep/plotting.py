@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypedDict
+from pathlib import Path as File
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from jaxtyping import Float
@@ -12,12 +12,20 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 
 from sidestep.environment.types import EnvParams
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
+from sidestep.network.town import Town
 from sidestep.planners.base import Route
+from sidestep.routing.crowds import StreetCrowds
+from sidestep.routing.departures import DepartureWindow
+from sidestep.routing.facts import SceneFacts, StreetMap
+from sidestep.routing.isochrone import Isochrone
+from sidestep.routing.matrix import TimeMatrix
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import NO_COORDINATES, RouteError
 
@@ -36,6 +44,9 @@ ROUTE = "#1565c0"  # far from the colours of crowds
 _CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.linspace(0.2, 1, 32)))
 _SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
 _ROOM = 40.0  # m around the streets of a town
+_OTHERS = ("#7b2d8b", "#00838f", "#5d4037", "#455a64")  # of alternatives, as far from the colours of crowds
+_SURE = 0.9  # share of the futures whose areas have a line around them
+_MOST_LABELS, _MOST_NUMBERS = 40, 400  # on one side of a matrix, and in it
 _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
 
 
@@ -50,7 +61,7 @@ class Curve:
     """Steps of a round."""
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: File) -> None:
     """Write a picture, whole or not at all."""
     with whole_file(path) as temporary:
         figure.savefig(temporary, format="png", dpi=150)
@@ -179,36 +190,181 @@ def draw_route(plan: RoutePlan) -> Figure:
         raise RouteError(NO_COORDINATES, field="format")
     town = plan.streets.town
     course = town.project(np.array(plan.course))
-    figure = Figure(figsize=(8, 7.5), layout="constrained")
-    axes = figure.subplots()
-    west, east, south, north = _frame(course, town.project(town.points))
-    courses = np.split(town.project(town.points), town.first[1:-1])
-    near = [
-        street
-        for street, course in enumerate(courses)
-        if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
-    ]
-    density = np.maximum(plan.streets.density[near], _SPARSE)
-    widths = np.clip(town.width[near] / 2, 1.2, 4.0)
-    streets = LineCollection(
-        [courses[street] for street in near], array=density, cmap=_CROWDS, linewidths=widths, capstyle="round"
-    )
-    streets.set_norm(LogNorm(float(np.quantile(density, 0.02)), 1.01 * float(density.max())))
-    ticks = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5)
-    _add_coloured(axes, streets, "persons/m² expected at the departure", ticks, pad=0.01)
-    for colour, width in (("white", 6.5), (ROUTE, 3.4)):
-        axes.plot(*course.T, color=colour, linewidth=width, zorder=3, solid_joinstyle="round", solid_capstyle="round")
+    others = [town.project(np.array(other.course)) for other in plan.alternatives]
+    frame = _frame(np.concatenate([course, *others]), town.project(town.points))
+    figure, axes = _map_of(frame)
+    _add_crowds(axes, plan.streets, frame, "persons/m² expected at the departure")
+    for number, other in reversed(list(enumerate(others, start=1))):
+        colour, label = _OTHERS[(number - 1) % len(_OTHERS)], _other_in_words(number, plan.alternatives[number - 1])
+        _draw_course(axes, other, colour, 2.6, label=label, zorder=2.5)
+    _draw_course(axes, course, ROUTE, 3.4, label="best" if others else None)
     for place, text, face in ((course[0], "start", "white"), (course[-1], "end", INK)):
-        axes.plot(*place, "o", color=face, markeredgecolor=INK, markeredgewidth=2.2, markersize=11, zorder=4)
-        _note(axes, text, place, (10, 8), zorder=5, **_HALO)
-    axes.set_aspect("equal")
-    axes.set(xlim=(west, east), ylim=(south, north))
-    axes.axis("off")
-    _scale_bar(axes, west, south, east - west)
+        _mark(axes, place, text, face)
+    if others:
+        _legend_below(axes, 2)
     walk = f"{plan.metres:,.0f} m, {plan.expected_minutes:.0f} min, planned by {plan.planner}"
-    figure.suptitle(f"{plan.scenario}, {plan.departs}: {walk}", color=INK)
-    # Below the axes, where nothing lies under it.
-    figure.supxlabel("\n".join(plan.sources), fontsize=8, color=INK)
+    return _titled(figure, f"{plan.scenario}, {plan.departs}: {walk}", plan)
+
+
+def _other_in_words(number: int, other: RoutePlan) -> str:
+    return f"alternative {number}: {other.metres:,.0f} m, {other.expected_minutes:.0f} min"
+
+
+def draw_crowds(crowds: StreetCrowds) -> Figure:
+    """Draw all streets of a town, coloured by the crowds that are expected on them.
+
+    Parameters
+    ----------
+    crowds
+        The crowds, in a town.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
+
+    Raises
+    ------
+    RouteError
+        On grids, which have no coordinates (field ``format``).
+    """
+    if crowds.map is None:
+        raise RouteError(NO_COORDINATES, field="format")
+    town = crowds.map.town
+    frame = _whole(town)
+    figure, axes = _map_of(frame)
+    _add_crowds(axes, crowds.map, frame, "expected persons/m²")
+    return _titled(figure, f"{crowds.scenario}, {crowds.departs}: crowds as expected", crowds)
+
+
+def draw_isochrone(reach: Isochrone) -> Figure:
+    """Draw what is reached in some minutes: areas, on the streets of a town.
+
+    Colours are those of the minutes. With futures, what is reached in half of them is pale, and what is reached in 90 %
+    has a line around it.
+
+    Parameters
+    ----------
+    reach
+        What is reached, in a town.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
+
+    Raises
+    ------
+    RouteError
+        On grids, which have no coordinates (field ``format``).
+    """
+    if reach.town is None:
+        raise RouteError(NO_COORDINATES, field="format")
+    town, origin = reach.town, np.array([[reach.origin.longitude, reach.origin.latitude]], float)
+    rings = [town.project(np.array(rings[0])) for area in reach.areas for rings in area.polygons or []]
+    frame = _frame(np.concatenate([town.project(origin), *rings]), town.project(town.points), room=1.1)
+    figure, axes = _map_of(frame)
+    near = _near(town, frame)
+    axes.add_collection(LineCollection(near.courses, colors="#8d99ae", linewidths=0.8, zorder=2.5))
+    limits = sorted({area.minutes for area in reach.areas})
+    shades = colormaps["viridis_r"](np.linspace(0.1, 0.85, len(limits)))
+    for area in reversed(reach.areas):
+        shade, outlined = shades[limits.index(area.minutes)], area.share == _SURE
+        path = Path.make_compound_path(
+            *(Path(town.project(np.array(ring)), closed=True) for rings in area.polygons or [] for ring in rings)
+        )
+        look = {"facecolor": "none", "edgecolor": shade, "linewidth": 2.0, "zorder": 3} if outlined else {}
+        face = {"facecolor": 0.5 + shade / 2, "edgecolor": "none", "zorder": 2} | look
+        axes.add_patch(PathPatch(path, label=area.called, **face))
+    _mark(axes, town.project(origin)[0], "start", "white")
+    _legend_below(axes, 3)
+    crowds = "crowds as expected" if reach.futures is None else f"{reach.futures} simulated futures"
+    return _titled(figure, f"{reach.scenario}, {reach.departs}: reached on foot, {crowds}", reach)
+
+
+def draw_departures(window: DepartureWindow) -> Figure:
+    """Draw how long a walk takes by its departure: half of the futures, 90 % of them, and if crowds are as expected.
+
+    Parameters
+    ----------
+    window
+        The departures.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
+    """
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots()
+    after = [departure.departure_minutes for departure in window.departures]
+    for name, colour, style, label in (
+        ("p90_minutes", "#d1495b", "-", "90 % arrive within"),
+        ("median_minutes", ROUTE, "-", "half arrive within"),
+        ("expected_minutes", "#6a994e", "--", "if crowds are as expected"),
+    ):
+        minutes = [getattr(departure, name) for departure in window.departures]
+        axes.plot(after, minutes, color=colour, linestyle=style, linewidth=2, label=label)
+    best = window.best
+    axes.plot(best.departure_minutes, best.p90_minutes, "o", color=INK, markersize=7, zorder=4)
+    late = best.departure_minutes > np.mean(after)
+    where = {"ha": "right" if late else "left"}
+    place = (best.departure_minutes, best.p90_minutes)
+    _note(axes, f"best: {best.departs}", place, (-8 if late else 8, 8), **where, **_HALO)
+    shown = window.departures[:: max(1, -(-len(after) // 8))]
+    axes.set_xticks([each.departure_minutes for each in shown], [_clock_word(each.departs) for each in shown])
+    axes.set(xlabel="departure", ylabel="minutes", ylim=(0, None))
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=9, loc="lower left")
+    ends = f"{window.origin.asked} to {window.destination.asked}"
+    axes.set_title(
+        f"{window.scenario}, {window.departs}: {ends}, by {window.planner}", loc="left", fontsize=10, color=INK
+    )
+    figure.supxlabel("\n".join(window.sources), fontsize=8, color=INK)
+    return figure
+
+
+def _clock_word(departs: str) -> str:
+    """The time of a departure, without its day: the word with a colon, or else minutes."""
+    words = departs.split()
+    return next((word for word in words if ":" in word), words[0])
+
+
+def draw_matrix(matrix: TimeMatrix) -> Figure:
+    """Draw the minutes from many places to many others as a table of colours; grey where no path leads.
+
+    Parameters
+    ----------
+    matrix
+        The minutes. Those within which 90 % of the walks arrive are drawn if they are known.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
+    """
+    minutes = np.array(matrix.minutes if matrix.p90 is None else matrix.p90, float)
+    rows, columns = minutes.shape
+    figure = Figure(figsize=(6 + min(0.25 * columns, 6), 3.5 + min(0.3 * rows, 8)), layout="constrained")
+    axes = figure.subplots()
+    colours = colormaps["viridis_r"].with_extremes(bad="#d0d4da")
+    image = axes.imshow(np.ma.masked_invalid(minutes), cmap=colours, aspect="auto", vmin=0)
+    label = "minutes, crowds as expected" if matrix.p90 is None else "minutes, 90 % arrive"
+    figure.colorbar(image, ax=axes, label=label)
+    for axis, ends in ((axes.xaxis, matrix.destinations), (axes.yaxis, matrix.origins)):
+        every = max(1, -(-len(ends) // _MOST_LABELS))
+        names = [end.asked for end in ends[::every]]
+        axis.set_ticks(range(0, len(ends), every), names, fontsize=7, rotation=90 if axis is axes.xaxis else 0)
+    axes.set(xlabel="to", ylabel="from")
+    if minutes.size <= _MOST_NUMBERS:
+        middle = float(np.nanmax(minutes, initial=0.0)) / 2
+        for (row, column), each in np.ndenumerate(minutes):
+            said = "none" if np.isnan(each) else f"{each:.0f}"
+            ink = "white" if each > middle else INK
+            axes.text(column, row, said, ha="center", va="center", fontsize=7, color=ink)
+    axes.set_title(f"{matrix.scenario}, {matrix.departs}, by {matrix.planner}", loc="left", fontsize=10, color=INK)
+    figure.supxlabel("\n".join(matrix.sources), fontsize=7, color=INK)
     return figure
 
 
@@ -282,12 +438,89 @@ def _add_coloured(axes: Axes, streets: LineCollection, label: str, ticks: Sequen
     bar.minorticks_off()
 
 
-def _frame(
-    walk: Float[np.ndarray, "step 2"], streets: Float[np.ndarray, "point 2"]
-) -> tuple[float, float, float, float]:
-    """West, east, south, north, in metres: room on all sides of a walk, as far as there are streets."""
+class _Near(NamedTuple):
+    """The streets of a town that are seen in a part of its map."""
+
+    streets: list[int]
+    courses: list[Float[np.ndarray, "point 2"]]
+
+
+_Frame = tuple[float, float, float, float]
+"""West, east, south and north of a map, in metres."""
+
+
+def _near(town: Town, frame: _Frame) -> _Near:
+    west, east, south, north = frame
+    courses = np.split(town.project(town.points), town.first[1:-1])
+    near = [
+        street
+        for street, course in enumerate(courses)
+        if (course.max(axis=0) >= (west, south)).all() and (course.min(axis=0) <= (east, north)).all()
+    ]
+    return _Near(near, [courses[street] for street in near])
+
+
+def _map_of(frame: _Frame) -> tuple[Figure, Axes]:
+    """An empty map with a scale."""
+    west, east, south, north = frame
+    figure = Figure(figsize=(8, 7.5), layout="constrained")
+    axes = figure.subplots()
+    axes.set_aspect("equal")
+    axes.set(xlim=(west, east), ylim=(south, north))
+    axes.axis("off")
+    _scale_bar(axes, west, south, east - west)
+    return figure, axes
+
+
+def _add_crowds(axes: Axes, streets: StreetMap, frame: _Frame, label: str) -> None:
+    """Add the streets of a map, coloured by the crowds on them."""
+    town, near = streets.town, _near(streets.town, frame)
+    density = np.maximum(streets.density[near.streets], _SPARSE)
+    widths = np.clip(town.width[near.streets] / 2, 1.2, 4.0)
+    lines = LineCollection(near.courses, array=density, cmap=_CROWDS, linewidths=widths, capstyle="round")
+    lines.set_norm(LogNorm(float(np.quantile(density, 0.02)), 1.01 * float(density.max())))
+    _add_coloured(axes, lines, label, (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5, 10), pad=0.01)
+
+
+def _draw_course(
+    axes: Axes, course: Float[np.ndarray, "point 2"], colour: str, width: float, label: str | None, zorder: float = 3
+) -> None:
+    style: dict[str, Any] = {"zorder": zorder, "solid_joinstyle": "round", "solid_capstyle": "round"}
+    axes.plot(*course.T, color="white", linewidth=width + 3.1, **style)
+    axes.plot(*course.T, color=colour, linewidth=width, label=label, **style)
+
+
+def _mark(axes: Axes, place: Float[np.ndarray, "2"], text: str, face: str) -> None:
+    axes.plot(*place, "o", color=face, markeredgecolor=INK, markeredgewidth=2.2, markersize=11, zorder=4)
+    _note(axes, text, place, (10, 8), zorder=5, **_HALO)
+
+
+def _legend_below(axes: Axes, columns: int) -> None:
+    """Explain the lines and areas of a map below it, the last drawn first."""
+    handles, labels = axes.get_legend_handles_labels()
+    style: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False, "fontsize": 8}
+    axes.legend(handles[::-1], labels[::-1], ncols=columns, **style)
+
+
+def _titled(figure: Figure, title: str, facts: SceneFacts) -> Figure:
+    """Write above and below a map."""
+    figure.suptitle(title, color=INK)
+    # Below the axes, where nothing lies under it.
+    figure.supxlabel("\n".join(facts.sources), fontsize=8, color=INK)
+    return figure
+
+
+def _whole(town: Town) -> _Frame:
+    """A frame around all streets."""
+    streets = town.project(town.points)
+    (west, south), (east, north) = streets.min(axis=0) - _ROOM, streets.max(axis=0) + _ROOM
+    return float(west), float(east), float(south), float(north)
+
+
+def _frame(walk: Float[np.ndarray, "step 2"], streets: Float[np.ndarray, "point 2"], room: float = 1.3) -> _Frame:
+    """Room on all sides of a walk, as far as there are streets."""
     low, high = walk.min(axis=0), walk.max(axis=0)
-    half = max(0.65 * float((high - low).max()), 300.0)
+    half = max(room / 2 * float((high - low).max()), 300.0)
     middle = (low + high) / 2
     west, south = np.maximum(middle - half, streets.min(axis=0) - _ROOM)
     east, north = np.minimum(middle + half, streets.max(axis=0) + _ROOM)

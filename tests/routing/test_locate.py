@@ -9,8 +9,9 @@ import pytest
 from sidestep.errors import SidestepError
 from sidestep.network.snapping import Snapper, split_streets
 from sidestep.planners.shortest_path import distances_to
-from sidestep.routing.locate import FUTURES, SPARE_NODES, SPARE_SEGMENTS, LocatedRequest, locator, padded
-from sidestep.routing.request import RouteRequest, read_departure
+from sidestep.routing.locate import SPARE_NODES, SPARE_SEGMENTS, Circumstances, check_connected, locator, padded
+from sidestep.routing.located import FUTURES, Located
+from sidestep.routing.request import read_departure
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
@@ -20,8 +21,11 @@ NOON = datetime.fromisoformat("2025-05-24T12:30")  # a Saturday
 QUAY_COUNT = 4824
 
 
-def located(problem: Scenario, origin=0, destination=1, depart=NOON, live=None) -> LocatedRequest:
-    return locator(problem, draw_map(problem, 0))(RouteRequest(origin, destination, depart, live=live))
+def located(problem: Scenario, origin=0, destination=1, depart=NOON, **more) -> Located:
+    ends = [("origin", origin), ("destination", destination)]
+    found = locator(problem, draw_map(problem, 0)).locate(ends, Circumstances(depart=depart, **more))
+    check_connected(found)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -43,19 +47,19 @@ def test_either_end_of_a_street(tiny, place, origin, destination, metres: float)
     ends = [end if isinstance(end, int) else place(*end) for end in (origin, destination)]
     found = located(tiny, *ends)
     network = found.scenario_map.network
-    away = distances_to(network, np.asarray(network.length), found.facts.destination.node)
-    assert away[found.facts.origin.node] == pytest.approx(metres, abs=0.1)
+    away = distances_to(network, np.asarray(network.length), found.ends[1].node)
+    assert away[found.ends[0].node] == pytest.approx(metres, abs=0.1)
 
 
 def test_ends_say_what_was_asked(tiny, place) -> None:
-    facts = located(tiny, place(50, 4), 2).facts
-    assert (facts.origin.asked, facts.origin.node) == ("0.00004,0.00045", 8)
-    assert (facts.origin.latitude, facts.origin.longitude) == pytest.approx(place(50, 0), abs=1e-7)
-    assert facts.origin.metres_away == pytest.approx(4, abs=0.01)
-    assert (facts.destination.asked, facts.destination.node, facts.destination.metres_away) == ("crossing 2", 2, 0)
+    origin, destination = located(tiny, place(50, 4), 2).ends
+    assert (origin.asked, origin.node) == ("0.00004,0.00045", 8)
+    assert (origin.latitude, origin.longitude) == pytest.approx(place(50, 0), abs=1e-7)
+    assert origin.metres_away == pytest.approx(4, abs=0.01)
+    assert (destination.asked, destination.node, destination.metres_away) == ("crossing 2", 2, 0)
     # by default from the first node to the last
-    grid = located(scenario("paper-congested"), None, None, None).facts
-    assert (grid.origin.asked, grid.destination.asked, grid.origin.latitude) == ("node 0", "node 35", None)
+    origin, destination = located(scenario("paper-congested"), None, None, None).ends
+    assert (origin.asked, destination.asked, origin.latitude) == ("node 0", "node 35", None)
 
 
 @pytest.mark.parametrize("points", [(), ((50, 0),), ((200, 20),), ((50, 0), (150, 0)), ((50, 0), (200, 20))])

@@ -47,6 +47,23 @@ def test_the_second_route_compiles_nothing(tiny, ends, compiled, planner: str) -
     assert compiled == []
 
 
+def test_the_second_question_compiles_nothing(tiny, place, compiled) -> None:
+    router = Router(tiny)
+
+    def ask(depart: str, *asked: object) -> None:
+        router.isochrone(asked[0], minutes=[2, 4], depart=depart, futures=3)
+        router.matrix(asked, depart=depart)
+        router.crowds(at=depart)
+        router.plan(0, 4, depart=depart, futures=3, alternatives=2)
+        router.plan(0, 4, arrive_by=depart, futures=3)
+        router.when(0, 4, depart=depart, step=60, futures=3)
+
+    ask("Sat 12:30", place(50, 4), 2, 3)
+    compiled.clear()
+    ask("Mon 18:00", 5, place(150, 0), place(0, 50), 1)
+    assert compiled == []
+
+
 def test_threads_share_a_router(router, ends) -> None:
     def plan(pair: tuple) -> dict:
         return router.plan(*pair, depart=NOON, futures=7).to_json()
@@ -92,10 +109,8 @@ def learned(monkeypatch, **known: object) -> None:
 def test_a_model_plans_by_default(monkeypatch, tiny, ends) -> None:
     learned(monkeypatch)
     router = Router(tiny, model="m")
-    located = router._locate(RouteRequest(*ends[0]))
-    assert isinstance(router._planner(located), Somebody)
-    searched = router._locate(RouteRequest(*ends[0], planner="expected"))
-    assert router._planner(searched).name == "expected"
+    assert router.plan(*ends[0], futures=7).planner == Somebody.name
+    assert router.plan(*ends[0], futures=7, planner="expected").planner == "expected"
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,21 @@
 """The command line: registers all commands, and turns errors into one sentence and an exit status."""
 
 import os
+import re
 import sys
 from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 
 from sidestep import __version__
-from sidestep.cli import data, experiments, listings
+from sidestep.cli import data, experiments, listings, queries
 from sidestep.cli.compare import compare
 from sidestep.cli.route import route
 from sidestep.cli.train import train
 from sidestep.errors import SidestepError
 
 INTERRUPTED, BAD_INPUT = 130, 2
+_NUMBER, _OPTION = re.compile(r"[-+]?\d+(\.\d*)?,?"), re.compile(r"^(--\w+)=")
 
 app = App(
     name="sidestep",
@@ -28,6 +30,10 @@ for command in (
     train,
     compare,
     route,
+    queries.when,
+    queries.isochrone,
+    queries.matrix,
+    queries.crowds,
     data.import_osm,
     data.new,
     listings.planners,
@@ -52,6 +58,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     int
         The exit status: 2 on bad input, 130 on Ctrl-C, after one sentence on standard error.
     """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if said := _place_in_two(given):
+        return _complain(BAD_INPUT, said)
     try:
         app(arguments, exit_on_error=False, print_error=False)
     except SystemExit as done:  # the library's way to end a command
@@ -65,6 +74,16 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _complain(INTERRUPTED, "stopped; everything saved so far is kept")
     return 0
+
+
+def _place_in_two(arguments: Sequence[str]) -> str:
+    """What to say of a place with a space instead of a comma, such as ``--from 60.17 24.94``; "" if there is none."""
+    words = [part for argument in arguments for part in _OPTION.sub(r"\1 ", argument, count=1).split(" ", 1)]
+    for option, latitude, longitude in zip(words, words[1:], words[2:], strict=False):
+        if option in ("--from", "--to") and _NUMBER.fullmatch(latitude) and _NUMBER.fullmatch(longitude):
+            place = f"{latitude.rstrip(',')},{longitude}"
+            return f"{option} {latitude} {longitude}: write latitude and longitude with a comma and no space, {place}"
+    return ""
 
 
 def _complain(status: int, sentence: str) -> int:

@@ -1,6 +1,7 @@
 """The road network: nodes where streets meet, and directed segments between them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -164,6 +165,25 @@ class RoadNetwork(eqx.Module):
         area = jnp.where(enters == ABSENT, self.area[self.tail[segment]], enters)
         leaves = (area >= 0) & (self.area[self.head[segment]] == ABSENT)
         return exists & (area != SHUT) & (~leaves | ((enters == ABSENT) & (area == self.area[origin])))
+
+    def without(self, closed: Bool[np.ndarray, " segment"]) -> "RoadNetwork":
+        """The same network in which nobody walks some of the segments: no exit leads onto them.
+
+        Parameters
+        ----------
+        closed
+            Which segments.
+
+        Returns
+        -------
+        RoadNetwork
+            Nodes, segments and exits have the same numbers.
+        """
+        segment = np.asarray(self.exit_segment)
+        gone = (segment != ABSENT) & closed[segment]
+        node = np.where(gone, ABSENT, np.asarray(self.exit_node))
+        exits = jax.device_put((node.astype(np.int32), np.where(gone, ABSENT, segment).astype(np.int32)))
+        return replace(self, exit_node=exits[0], exit_segment=exits[1])
 
     def distance_matrix(self) -> Float[Array, "node node"]:
         """Arrange lengths as the paper's matrix D (eq. 1).

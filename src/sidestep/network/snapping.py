@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -62,7 +62,7 @@ class Snapper:
         """
         if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
             raise TownError(
-                f"{latitude:g}, {longitude:g} is not a valid place: "
+                f"{latitude:g}, {longitude:g} is not a valid place{self._if_swapped(latitude, longitude, farthest)}: "
                 "give degrees of latitude (-90 to 90), then of longitude (-180 to 180)",
                 field="place",
             )
@@ -70,6 +70,8 @@ class Snapper:
         here = shapely.Point(town.project(np.array([longitude, latitude])))
         candidates, (distance, *_) = tree.query_nearest(here, return_distance=True)
         if distance > farthest:
+            if swapped := self._if_swapped(latitude, longitude, farthest):
+                raise TownError(f"{latitude:g}, {longitude:g} is not in this town{swapped}", field="place")
             xy = town.project(town.place)
             (west, south), (east, north) = town.projection.unproject(np.stack([xy.min(axis=0), xy.max(axis=0)]))
             raise TownError(
@@ -84,6 +86,16 @@ class Snapper:
         longitude, latitude = town.projection.unproject(on_street).tolist()
         fraction = float(along) / max(line.length, 1e-12)  # two crossings may be at the same place
         return StreetPoint(street, fraction, float(distance), (latitude, longitude))
+
+    def _if_swapped(self, latitude: float, longitude: float, farthest: float) -> str:
+        """What to say where latitude and longitude are the wrong way round; "" where they are not."""
+        if not (-90 <= longitude <= 90 and -180 <= latitude <= 180):
+            return ""
+        there = shapely.Point(self.town.project(np.array([latitude, longitude], float)))
+        _, (distance, *_) = self._index.query_nearest(there, return_distance=True)
+        return (
+            ", but with latitude and longitude swapped it is; give the latitude first" if distance <= farthest else ""
+        )
 
     @cached_property
     def _index(self) -> shapely.STRtree:
@@ -148,6 +160,12 @@ class SplitStreets:
         return self.town.projection.unproject(shapely.get_coordinates(piece))
 
 
+@lru_cache(maxsize=4)
+def _network_of(town: Town) -> RoadNetwork:
+    """The network of a town, made once."""
+    return town.network()
+
+
 def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStreets:
     """Split streets at points; a point within ``SAME_NODE`` metres of a node is that node.
 
@@ -163,7 +181,7 @@ def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStree
     SplitStreets
         The streets with a node at every point.
     """
-    base = town.network()
+    base = _network_of(town)
     position = [*np.asarray(base.position)]
     nodes: list[int] = []
     stops: dict[int, list[tuple[float, int]]] = {}  # along the streets with points: fractions and nodes

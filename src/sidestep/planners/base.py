@@ -1,5 +1,6 @@
 """The planner protocol, and the one way in which all planners walk."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -130,6 +131,9 @@ class Route:
     arrived: bool
     """Whether the walk reached its destination by the horizon."""
 
+    cost: float = math.nan
+    """By the objective, in s."""
+
 
 def keep_to_plan(
     _shared: None, own: Bool[Array, "node exit"] | Int[Array, " step"], observation: Observation, key: Key[Array, ""]
@@ -238,5 +242,6 @@ def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Ar
         nodes = (int(begins.origin[walk_number]), *head[segments].tolist())
         at = (float(begins.departure[walk_number]), *clocks.tolist())
         seconds, arrived = float(walked.seconds[walk_number]), bool(walked.arrived[walk_number])
-        found.append(Route(tuple(segments.tolist()), nodes, at, seconds, arrived))
+        cost = float(walked.cost[walk_number])
+        found.append(Route(tuple(segments.tolist()), nodes, at, seconds, arrived, cost))
     return found

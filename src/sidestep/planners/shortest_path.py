@@ -12,7 +12,6 @@ from scipy.sparse.csgraph import dijkstra
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Plan, Planned
-from sidestep.walking.speed_laws import FREE_SPEED
 
 
 class ShortestPath(Planned):
@@ -36,7 +35,7 @@ class ShortestPath(Planned):
         def best_exits(destination: int, departure: Float[np.ndarray, "2"]) -> np.ndarray:
             hour, clock = jnp.asarray(departure)
             shut = params.waits.until_open(hour, every, jnp.full(every.shape, clock))
-            length = np.asarray(network.length + FREE_SPEED * shut)
+            length = np.asarray(network.length + params.free_speed * shut)
             ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
             valid = np.asarray(network.exits_to(jnp.int32(destination)))
             return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]
@@ -63,7 +62,8 @@ def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> 
     """
     # Backwards, row by row: as a list of (head, tail, weight) SciPy would add up parallel segments.
     tail, head = np.asarray(network.tail), np.asarray(network.head)
-    walked = np.flatnonzero(network.may_take(jnp.int32(destination)))
+    taken = np.asarray(network.exits_to(jnp.int32(destination)))
+    walked = np.sort(np.asarray(network.exit_segment)[taken])
     order = walked[np.argsort(head[walked], kind="stable")]
     first = np.searchsorted(head[order], np.arange(network.nodes + 1))
     graph = csr_array((weight[order].astype(np.float64), tail[order], first), shape=(network.nodes, network.nodes))

@@ -25,7 +25,7 @@ def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(map(format, line, align)).rstrip() for line in lines]
 
 
-def feature(kind: str, coordinates: Sequence[Any], **properties: object) -> dict[str, object]:
+def feature(kind: str, coordinates: Sequence[Any], /, **properties: object) -> dict[str, object]:
     """A GeoJSON feature; coordinates are longitude and latitude in degrees."""
     geometry = {"type": kind, "coordinates": coordinates} if kind != "LineString" else line_geometry(coordinates)
     return {"type": "Feature", "properties": properties, "geometry": geometry}

@@ -1,16 +1,15 @@
 """A planned route, and what it looks like as JSON, text, GeoJSON and GPX."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float
 
 from sidestep.environment.types import Level
 from sidestep.network.geodesy import metres_between
-from sidestep.network.town import Town
 from sidestep.routing.directions import Leg, Step
+from sidestep.routing.facts import RequestFacts, StreetMap, collection
 from sidestep.routing.formats import Waypoint, feature, gpx, table
 from sidestep.routing.request import NO_COORDINATES, RouteError
 from sidestep.scenarios.model import objective_in_words
@@ -18,76 +17,6 @@ from sidestep.scenarios.walkers import walker_in_words
 
 T = TypeVar("T")
 _DIGITS = {"metres": 2, "minutes": 3, "density": 4}  # in GeoJSON
-
-
-@dataclass(frozen=True)
-class End:
-    """Where a route begins or ends."""
-
-    node: int
-    """Number of the node; on split streets one beyond those of the town."""
-
-    asked: str
-    """What was asked for, for people."""
-
-    latitude: float | None = None
-    """Degrees, on the street; None on grids."""
-
-    longitude: float | None = None
-    """Degrees, on the street; None on grids."""
-
-    metres_away: float = 0.0
-    """Between the place that was asked for and the one on the street."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RequestFacts:
-    """What is known of a request before a route is planned."""
-
-    scenario: str
-    """Name of the scenario."""
-
-    objective: dict[str, float | None] | None
-    """Weights of the objective; None: time alone."""
-
-    walker: dict[str, Any] | None = None
-    """The walker's numbers, and how many streets are left out; None for the adult that walks unless told otherwise."""
-
-    origin: End
-    destination: End
-
-    departure: str | None = None
-    """Local time, ISO 8601; None where no day was given."""
-
-    departure_minutes: float = 0.0
-    """Minutes after the scenario's start; a scenario in a town starts with the departure."""
-
-    departs: str
-    """The departure for people."""
-
-    hour_of_week: float | None = None
-    """Of the departure, 0 is Monday 0:00; None where crowds do not depend on it."""
-
-    by_minutes: float | None
-    """The minutes that were asked about."""
-
-    sensors: int | None = None
-    """Number of sensors; None where crowds are not known from sensors."""
-
-    counted_sensors: int | None = None
-    """Number of sensors with current counts; None where no counts were given."""
-
-    attribution: str
-    """Source and licence of the streets."""
-
-    crowds: str
-    """Source of the crowds."""
-
-    expected_crowds: str
-    """The crowds that are expected, after "Crowds are …"."""
-
-    synthetic: str
-    """What is invented, and by how much; empty where nothing is."""
 
 
 @dataclass(frozen=True)
@@ -124,16 +53,6 @@ class BaselineTimes(WalkTimes):
 
     mean_difference_exposure: float | None
     """Above zero where it meets more people, person·s/m²; None where time is all that counts."""
-
-
-@dataclass(frozen=True, eq=False)
-class StreetMap:
-    """The streets around a route, for pictures."""
-
-    town: Town
-
-    density: Float[np.ndarray, " street"]
-    """Persons/m² that are expected on every street at the departure; of both directions the larger."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,6 +115,18 @@ class RoutePlan(RequestFacts, WalkTimes):
     baselines: Mapping[str, BaselineTimes]
     """The walks of other planners, by name."""
 
+    cost_minutes: float
+    """Cost by the objective if crowds are as expected; travel time where time is all that counts."""
+
+    shared: float | None = None
+    """Of an alternative: largest share of its length, or of that of a better route, that both have in common."""
+
+    alternatives: Sequence["RoutePlan"] = ()
+    """Other routes, the best first. Each is fixed beforehand, whatever crowds do."""
+
+    asked_alternatives: int = 0
+    """The most that were asked for."""
+
     streets: StreetMap | None = field(compare=False, repr=False)
     """For pictures; None on grids."""
 
@@ -218,15 +149,14 @@ class RoutePlan(RequestFacts, WalkTimes):
             raise RouteError(NO_COORDINATES, field="format")
         return points
 
-    @property
-    def sources(self) -> list[str]:
-        """Where streets and crowds come from, and what is synthetic."""
-        said = {"Streets": self.attribution, "Crowds": self.crowds, "Synthetic": self.synthetic}
-        return [f"{what}: {words}" for what, words in said.items() if words]
-
     def to_json(self) -> dict[str, Any]:
-        """Everything but the map, ready for ``json.dumps``."""
-        return {name: value for name, value in asdict(replace(self, streets=None)).items() if name != "streets"}
+        """Everything but the map, ready for ``json.dumps``; alternatives do not repeat what was asked."""
+        found = asdict(replace(self, streets=None, alternatives=()))
+        del found["streets"]
+        repeated = {*(asked.name for asked in fields(RequestFacts)), "baselines", "alternatives", "asked_alternatives"}
+        others = [other.to_json().items() for other in self.alternatives]
+        found["alternatives"] = [{name: value for name, value in other if name not in repeated} for other in others]
+        return found
 
     def to_geojson(self) -> dict[str, Any]:
         """A GeoJSON feature collection (RFC 7946): the whole route, its legs, and both ends.
@@ -241,20 +171,25 @@ class RoutePlan(RequestFacts, WalkTimes):
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        course, found = self.course, self.to_json()
-        sources = {name: found.pop(name) for name in ("attribution", "crowds", "synthetic")}
         ends = [
             feature("Point", [end.longitude, end.latitude], part=part, asked=end.asked)
             for part, end in (("origin", self.origin), ("destination", self.destination))
         ]
-        for name in ("origin", "destination", "legs", "nodes", "minutes"):
-            del found[name]
         legs = []
         for leg in self.legs:
             rounded = {name: round(getattr(leg, name), digits) for name, digits in _DIGITS.items()}
             legs.append(feature("LineString", leg.coordinates or [], part="leg", street=leg.label, **rounded))
-        whole = feature("LineString", course, part="route", **found)
-        return {"type": "FeatureCollection", **sources, "features": [whole, *legs, *ends]}
+        whole = feature("LineString", self.course, part="route", **self._properties())
+        others = [
+            feature("LineString", other.course, part="alternative", **other._properties())  # noqa: SLF001
+            for other in self.alternatives
+        ]
+        return collection(self, [whole, *legs, *others, *ends])
+
+    def _properties(self) -> dict[str, Any]:
+        """What GeoJSON says of the whole route."""
+        elsewhere = {"attribution", "crowds", "synthetic", "origin", "destination", "legs", "nodes", "minutes"}
+        return {name: value for name, value in self.to_json().items() if name not in {*elsewhere, "alternatives"}}
 
     def to_gpx(self) -> str:
         """GPX 1.1: a route of the turns, and a track of the whole course.
@@ -308,9 +243,9 @@ class RoutePlan(RequestFacts, WalkTimes):
             f"In {self.futures} simulated future{'s' * (self.futures > 1)}: {self.in_words()}",
             *self._arrival(),
             *(self._against(name, baseline) for name, baseline in self.baselines.items()),
+            *self._others(),
             "",
-            f"Crowds are {self.expected_crowds}.",
-            f"{'. '.join(self.sources)}.",
+            *self.notes(),
         ]
         return "\n".join(lines) + "\n"
 
@@ -318,6 +253,9 @@ class RoutePlan(RequestFacts, WalkTimes):
         """A sentence, if the request asked."""
         if self.arrive_by is None:
             return []
+        if self.deadline is not None:
+            sure = f"by {self.deadline} with probability {self.confidence:g} or more"
+            return [f"The latest departure that arrives {sure}; it does with probability {self.arrive_by:.2f}"]
         return [f"Arrives within {self.by_minutes:g} min with probability {self.arrive_by:.2f}"]
 
     def _table(self) -> list[str]:
@@ -331,6 +269,30 @@ class RoutePlan(RequestFacts, WalkTimes):
         ]
         end = [("arrive", "", "", "", "", "")] if self.arrives else []
         return table(("", "street", ">metres", ">minutes", "crowds", ">persons/m²"), [*rows, *end])
+
+    def _others(self) -> list[str]:
+        """One line for each alternative, and one if there are fewer than were asked for."""
+        lines = [""] if self.asked_alternatives else []
+        for number, other in enumerate(self.alternatives, start=1):
+            length = (
+                f"{other.metres:,.0f} m, {other.expected_minutes:.1f} min, {100 * (other.shared or 0):.0f} % shared"
+            )
+            lines.append(f"Alternative {number}, by {other.by_way_of}: {length}; {other.crowding}; {other.in_words()}")
+        if len(self.alternatives) < self.asked_alternatives:
+            found = len(self.alternatives) or "No"
+            lines.append(
+                f"{found} of {self.asked_alternatives} alternatives: others differ too little or cost too much"
+            )
+        return lines
+
+    @property
+    def by_way_of(self) -> str:
+        """The longest streets of the route, in its order; its nodes where streets have no names."""
+        if self.steps is None:
+            return f"nodes {' '.join(map(str, self.nodes))}"
+        named = [step for step in self.steps if any(leg.name == step.street for leg in self.legs)] or self.steps
+        longest = sorted(named, key=lambda step: -step.metres)[:3]
+        return ", ".join(dict.fromkeys(step.street for step in named if step in longest))
 
     def _against(self, name: str, baseline: BaselineTimes) -> str:
         futures = "the same futures" if baseline.futures == self.futures else f"the first {baseline.futures} of them"

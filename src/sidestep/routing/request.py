@@ -5,10 +5,12 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, time
 from pathlib import Path
+from typing import Any
 
 from sidestep.crowds.counts import CountTable
+from sidestep.crowds.profile import DAYS
 from sidestep.errors import SidestepError
 from sidestep.planners.base import Planner
 
@@ -18,10 +20,14 @@ Place = int | tuple[float, float]
 Counts = CountTable | Path | str
 """A table of counts, or its CSV file."""
 
+Area = Path | str | dict[str, Any]
+"""A GeoJSON file of polygons, or its content."""
+
 NO_COORDINATES = "a grid has no coordinates; choose text or json, or a scenario with real streets, such as helsinki"
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
 _PLACE = re.compile(f"{_NUMBER},{_NUMBER}", re.ASCII)
 _NODE = re.compile(r"\s*[-+]?\d{1,18}\s*", re.ASCII)
+_TIME = re.compile(r"(?:([a-z]{3,9})\.?\s+)?(\d{1,2})(:\d{2}(?::\d{2})?)", re.ASCII | re.IGNORECASE)
 
 
 class RouteError(SidestepError):
@@ -39,13 +45,29 @@ def at_fault(field: str) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
+class TimeOfWeek:
+    """A time of day on no particular date: crowds depend on the hour of the week."""
+
+    time: time
+    day: int | None = None
+    """0 is Monday; None: the first day of the week on which people usually set out."""
+
+
+Departure = datetime | time | TimeOfWeek | float
+"""Local wall time in towns, with a date, with a day of the week or with neither; minutes after the scenario's start on
+grids."""
+
+
+@dataclass(frozen=True)
 class RouteRequest:
     """A route to plan: its ends, its departure, and the planner.
 
     Raises
     ------
     RouteError
-        Minutes that are not positive (field ``by``), or less than one future (``futures``).
+        Minutes that are not positive (field ``by``), less than one future (``futures``), a negative number of
+        alternatives (``alternatives``), a confidence that is no probability (``confidence``), two deadlines
+        (``arrive_by``), or a deadline with current counts (``live``).
 
     Examples
     --------
@@ -61,9 +83,9 @@ class RouteRequest:
     destination: Place | None = None
     """Where it ends; by default the last node."""
 
-    depart: datetime | float | None = None
-    """Local wall time in towns, minutes after the scenario's start on grids; by default the first hour at which people
-    usually set out, or the start."""
+    depart: Departure | None = None
+    """By default the first hour at which people usually set out, or on grids the scenario's start. With ``arrive_by``
+    the earliest departure."""
 
     planner: str | Planner | None = None
     """Who plans, by name or as an object; by default ``darp`` where a model was loaded, otherwise ``expected``."""
@@ -78,11 +100,65 @@ class RouteRequest:
     live: Counts | None = None
     """Current counts, from which crowds go on; only where crowds are known from sensors."""
 
+    avoid: Area | None = None
+    """Streets that cross these polygons are not walked; only in towns."""
+
+    alternatives: int = 0
+    """The most other routes to plan beside the best one, where there are others that differ enough."""
+
+    arrive_by: Departure | None = None
+    """When to be there; the plan then departs as late as ``confidence`` allows."""
+
+    confidence: float = 0.9
+    """The least share of the futures in which the walk arrives by then."""
+
     def __post_init__(self) -> None:
-        if self.by is not None and not (math.isfinite(self.by) and self.by > 0):
-            raise RouteError(f"by must be a positive number of minutes, not {self.by:g}", field="by")
-        if self.futures is not None and self.futures < 1:
-            raise RouteError(f"futures must be at least 1, not {self.futures}", field="futures")
+        if self.by is not None:
+            check_minutes("by", self.by)
+        check_count("futures", self.futures)
+        check_count("alternatives", self.alternatives, least=0)
+        if not 0 < self.confidence <= 1:
+            said = "the confidence must be a probability above 0 and at most 1"
+            raise RouteError(f"{said}, not {self.confidence:g}", field="confidence")
+        if self.arrive_by is not None and self.by is not None:
+            said = "arrive_by and by are both deadlines; give the time of the arrival, or minutes after the departure"
+            raise RouteError(said, field="arrive_by")
+        if self.arrive_by is not None and self.live is not None:
+            raise RouteError("current counts need a departure; leave out arrive_by, or live", field="live")
+
+
+def check_minutes(field: str, minutes: float) -> None:
+    """Refuse minutes that are not positive.
+
+    Parameters
+    ----------
+    field, minutes
+        Name of the parameter, and its value.
+
+    Raises
+    ------
+    RouteError
+        With the parameter as its field.
+    """
+    if not (math.isfinite(minutes) and minutes > 0):
+        raise RouteError(f"{field} must be a positive number of minutes, not {minutes:g}", field=field)
+
+
+def check_count(field: str, number: int | None, least: int = 1) -> None:
+    """Refuse numbers below the least.
+
+    Parameters
+    ----------
+    field, number, least
+        Name of the parameter, its value where it is given, and the least one.
+
+    Raises
+    ------
+    RouteError
+        With the parameter as its field.
+    """
+    if number is not None and number < least:
+        raise RouteError(f"{field} must be at least {least}, not {number}", field=field)
 
 
 def read_place(field: str, given: str | Place | None) -> Place | None:
@@ -111,21 +187,23 @@ def read_place(field: str, given: str | Place | None) -> Place | None:
         return int(given)
     if found := _PLACE.fullmatch(given):
         return float(found[1]), float(found[2])
-    said = f"the {field} must be a node or LAT,LON such as 60.1699,24.9384"
+    said = f"the {field} must be a node or LAT,LON such as 60.1699,24.9384, with a comma and no space"
     raise RouteError(f"{said}, not {given.strip()!r:.60}", field=field)
 
 
-def read_departure(given: str | datetime | float | None) -> datetime | float | None:
-    """Read a departure.
+def read_departure(given: str | Departure | None, field: str = "depart") -> Departure | None:
+    """Read a departure, or an arrival.
 
     Parameters
     ----------
     given
-        Text such as ``2025-05-24T12:30`` or ``30``, or as it is to be.
+        Text such as ``2025-05-24T12:30``, ``Fri 17:30``, ``17:30`` or, on grids, ``30``; or as it is to be.
+    field
+        For errors: the parameter that it is of.
 
     Returns
     -------
-    datetime or float or None
+    Departure or None
         The local time, or the minutes after the start; None if nothing is given.
 
     Raises
@@ -141,5 +219,15 @@ def read_departure(given: str | datetime | float | None) -> datetime | float | N
     with suppress(ValueError):
         if len(text) > len("2025-05-24"):
             return datetime.fromisoformat(text)
-    said = "the departure must be a local time such as 2025-05-24T12:30, or minutes on a grid"
-    raise RouteError(f"{said}, not {given!r:.60}", field="depart")
+    with suppress(ValueError):
+        if found := _TIME.fullmatch(text):
+            day = None if found[1] is None else _day(found[1])
+            return TimeOfWeek(time.fromisoformat(found[2].zfill(2) + found[3]), day)
+    what = "departure" if field == "depart" else field.replace("_", " ")
+    said = f"the {what} must be a local time such as 2025-05-24T12:30, Fri 17:30 or 17:30, or minutes on a grid"
+    raise RouteError(f"{said}, not {given!r:.60}", field=field)
+
+
+def _day(name: str) -> int:
+    """Number of a day of the week, 0 is Monday, from its name or the beginning of it; ValueError for other words."""
+    return [day[: len(name)].lower() for day in DAYS].index(name.lower())

@@ -1,18 +1,40 @@
 """Planning many routes through one place from one process."""
 
-from datetime import datetime
+from collections.abc import Sequence
 from pathlib import Path
 
 from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, load_planners
 from sidestep.planners.registry import BASELINE, find_planner
-from sidestep.routing.locate import LocatedRequest, locator
+from sidestep.planners.shortest_path import ShortestPath
+from sidestep.planners.time_dependent import Expected
+from sidestep.routing.crowds import StreetCrowds, street_crowds
+from sidestep.routing.departures import DepartureWindow, departure_window, latest_departure
+from sidestep.routing.isochrone import Isochrone, isochrone
+from sidestep.routing.locate import Circumstances, check_connected, locator
+from sidestep.routing.located import Located
+from sidestep.routing.matrix import Places, TimeMatrix, read_places, time_matrix
 from sidestep.routing.plan import RoutePlan
-from sidestep.routing.request import Counts, Place, RouteError, RouteRequest, at_fault, read_departure, read_place
-from sidestep.routing.walks import plan_located
+from sidestep.routing.request import (
+    Area,
+    Counts,
+    Departure,
+    Place,
+    RouteError,
+    RouteRequest,
+    at_fault,
+    check_count,
+    check_minutes,
+    read_departure,
+    read_place,
+)
+from sidestep.routing.walks import Walker, planned
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.reader import find_scenario
+
+WINDOW = 2 * 3600.0
+"""Seconds of departures that :meth:`Router.when` compares by default."""
 
 
 class Router:
@@ -65,11 +87,15 @@ class Router:
         origin: Place | str | None = None,
         destination: Place | str | None = None,
         *,
-        depart: datetime | float | str | None = None,
+        depart: Departure | str | None = None,
         planner: Planner | str | None = None,
         by: float | None = None,
         futures: int | None = None,
         live: Counts | None = None,
+        avoid: Area | None = None,
+        alternatives: int = 0,
+        arrive_by: Departure | str | None = None,
+        confidence: float = 0.9,
     ) -> RoutePlan:
         """Plan a route. The parameters are the fields of :class:`RouteRequest`, or text as people write it.
 
@@ -84,7 +110,12 @@ class Router:
             As :meth:`answer`.
         """
         ends = read_place("origin", origin), read_place("destination", destination)
-        return self.answer(RouteRequest(*ends, read_departure(depart), planner, by, futures, live))
+        deadline = read_departure(arrive_by, "arrive_by")
+        return self.answer(
+            RouteRequest(
+                *ends, read_departure(depart), planner, by, futures, live, avoid, alternatives, deadline, confidence
+            )
+        )
 
     def answer(self, request: RouteRequest) -> RoutePlan:
         """Plan the route that a request asks for.
@@ -104,16 +135,202 @@ class Router:
         SidestepError
             A request that streets, crowds or the planner do not allow; ``error.field`` names the field at fault.
         """
-        located = self._locate(request)
-        return plan_located(located, self._planner(located))
+        if request.arrive_by is None:
+            given = Circumstances(depart=request.depart, live=request.live, avoid=request.avoid)
+            located = self._between(request.origin, request.destination, given)
+            return planned(Walker(located, self._planner(request.planner, located), request.futures), request)
+        given = Circumstances(depart=request.arrive_by, avoid=request.avoid, field="arrive_by", lookback=True)
+        located = self._between(request.origin, request.destination, given)
+        earliest = 0.0 if request.depart is None else located.start.earliest(request.depart, located.clock)
+        return latest_departure(located, self._planner(request.planner, located), request, earliest)
 
-    def _planner(self, located: LocatedRequest) -> Planner:
+    def when(
+        self,
+        origin: Place | str | None = None,
+        destination: Place | str | None = None,
+        *,
+        depart: Departure | str | None = None,
+        until: Departure | str | None = None,
+        step: float | None = None,
+        planner: Planner | str | None = None,
+        futures: int | None = None,
+        live: Counts | None = None,
+        avoid: Area | None = None,
+    ) -> DepartureWindow:
+        """Find out when it is best to set out.
+
+        Parameters
+        ----------
+        origin, destination, planner, futures, live, avoid
+            As for :meth:`plan`.
+        depart, until
+            First and last departure of the window; by default it begins at the first usual hour, or on grids at the
+            start, and lasts two hours.
+        step
+            Minutes between two departures; by default one slot of the scenario, usually 5.
+
+        Returns
+        -------
+        DepartureWindow
+            How long the walk takes at every departure, and the best of them.
+
+        Raises
+        ------
+        SidestepError
+            As :meth:`answer`; a window that ends before it begins (field ``until``), or more than 300 departures in it
+            (``step``).
+        """
+        check_count("futures", futures)
+        if step is not None:
+            check_minutes("step", step)
+        given = Circumstances(
+            depart=read_departure(depart), live=live, avoid=avoid, until=read_departure(until, "until"), window=WINDOW
+        )
+        located = self._between(read_place("origin", origin), read_place("destination", destination), given)
+        return departure_window(located, self._planner(planner, located), step, futures)
+
+    def isochrone(
+        self,
+        origin: Place | str | None = None,
+        *,
+        minutes: Sequence[float] = (5, 10, 15),
+        depart: Departure | str | None = None,
+        planner: Planner | str | None = None,
+        futures: int | None = None,
+        live: Counts | None = None,
+        avoid: Area | None = None,
+    ) -> Isochrone:
+        """Find out how far one gets in some minutes.
+
+        Parameters
+        ----------
+        origin, depart, live, avoid
+            As for :meth:`plan`.
+        minutes
+            Minutes of walking.
+        planner
+            ``expected``, which takes the best paths through the expected crowds, or ``shortest-path``.
+        futures
+            Number of futures to simulate; by default none, and then crowds are as expected.
+
+        Returns
+        -------
+        Isochrone
+            What is reached if crowds are as expected or, with futures, in half and in 90 % of them.
+
+        Raises
+        ------
+        SidestepError
+            As :meth:`answer`; minutes that are none, or more than the horizon (field ``minutes``).
+        """
+        check_count("futures", futures)
+        given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
+        located = self._locate.locate([("origin", read_place("origin", origin))], given)
+        return isochrone(located, self._search(planner), minutes, futures)
+
+    def matrix(
+        self,
+        origins: Places,
+        destinations: Places | None = None,
+        *,
+        depart: Departure | str | None = None,
+        planner: Planner | str | None = None,
+        futures: int | None = None,
+        live: Counts | None = None,
+        avoid: Area | None = None,
+    ) -> TimeMatrix:
+        """Find out how long the walks from many places to many others take.
+
+        Parameters
+        ----------
+        origins, destinations
+            Places as for :meth:`plan`, or files of places; by default the destinations are the origins.
+        depart, planner, futures, live, avoid
+            As for :meth:`isochrone`.
+
+        Returns
+        -------
+        TimeMatrix
+            Minutes if crowds are as expected and, with futures, within which half and 90 % of the walks arrive.
+
+        Raises
+        ------
+        SidestepError
+            As :meth:`answer`; files that cannot be read, and more than ``MOST_PLACES`` places (field ``origins`` or
+            ``destinations``).
+        """
+        check_count("futures", futures)
+        froms = read_places("origins", origins)
+        places = froms if destinations is None else [*froms, *read_places("destinations", destinations)]
+        asked = [("origins" if number < len(froms) else "destinations", each) for number, each in enumerate(places)]
+        given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
+        located = self._locate.locate(asked, given)
+        return time_matrix(located, self._search(planner), len(froms), square=destinations is None, futures=futures)
+
+    def crowds(self, at: Departure | str | None = None, *, live: Counts | None = None) -> StreetCrowds:
+        """Find out how crowded the streets are expected to be.
+
+        Parameters
+        ----------
+        at
+            When, as a departure of :meth:`plan`.
+        live
+            Current counts, from which crowds go on; only where crowds are known from sensors.
+
+        Returns
+        -------
+        StreetCrowds
+            The density on every street.
+
+        Raises
+        ------
+        SidestepError
+            Times and counts that the crowds do not know (field ``at`` or ``live``).
+        """
+        return street_crowds(
+            self._locate.locate([], Circumstances(depart=read_departure(at, "at"), live=live, field="at"))
+        )
+
+    def _between(self, origin: Place | None, destination: Place | None, given: Circumstances) -> Located:
+        """Locate a walk from one place to another, which a path must connect."""
+        located = self._locate.locate([("origin", origin), ("destination", destination)], given)
+        check_connected(located)
+        return located
+
+    def _search(self, planner: Planner | str | None) -> Planner:
+        """Find who searches the paths to everywhere.
+
+        Parameters
+        ----------
+        planner
+            What was asked for; by default ``expected``, also where a model was loaded.
+
+        Returns
+        -------
+        Planner
+            The planner.
+
+        Raises
+        ------
+        RouteError
+            Planners that do not search beforehand (field ``planner``).
+        """
+        with at_fault("planner"):
+            found = find_planner(planner or BASELINE) if planner is None or isinstance(planner, str) else planner
+        if not isinstance(found, (Expected, ShortestPath)):
+            said = "paths to everywhere are searched by expected or shortest-path"
+            raise RouteError(f"{said}, not by {getattr(found, 'name', found)}", field="planner")
+        return found
+
+    def _planner(self, asked: Planner | str | None, located: Located) -> Planner:
         """Find who plans, and refuse ends that a model does not know which remembers nodes.
 
         Parameters
         ----------
+        asked
+            What was asked for.
         located
-            The request.
+            The request, with origin and destination as its ends.
 
         Returns
         -------
@@ -125,17 +342,17 @@ class Router:
         RouteError
             An end in the middle of a street (field ``origin`` or ``destination``).
         """
-        planner, facts = located.request.planner or self._default, located.facts
+        planner = asked or self._default
         if not isinstance(planner, str):
             return planner
         if planner not in self._learned.planners:
             with at_fault("planner"):
                 return find_planner(planner)
-        for field, end in (("origin", facts.origin), ("destination", facts.destination)):
+        for field, end in zip(("origin", "destination"), located.ends, strict=True):
             if self._learned.index is not None and end.node >= self._map.network.nodes:
                 raise RouteError(f"the model remembers nodes; give the {field} as one", field=field)
         with at_fault("destination"):
-            self._learned.check_destination(facts.destination.node)
+            self._learned.check_destination(located.ends[1].node)
         return self._learned.planners[planner]
 
 

@@ -1,6 +1,7 @@
 """The walks of a request: through the expected crowds, and through simulated futures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -15,10 +16,11 @@ from sidestep.environment.types import EnvParams, Instance
 from sidestep.evaluation.metrics import spread
 from sidestep.planners.base import Plan, Planner, Route, routes, walk_plan
 from sidestep.planners.reactive import Snapshot
+from sidestep.routing.alternatives import alternatives
 from sidestep.routing.directions import Leg, crowding_word, mean_density, opening_word
-from sidestep.routing.locate import LocatedRequest
+from sidestep.routing.located import Located
 from sidestep.routing.plan import BaselineTimes, RoutePlan, WalkTimes
-from sidestep.routing.request import RouteError
+from sidestep.routing.request import RouteError, RouteRequest
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
 
@@ -27,15 +29,17 @@ FIRST_SLOTS = 4
 """Slots whose counts are shown to planners that see all counts; doubled until everybody has arrived within them."""
 
 
-def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
+def planned(walker: "Walker", request: RouteRequest, within: float | None = None) -> RoutePlan:
     """Plan a route, walk it through the expected crowds and simulated futures, and walk baselines beside it.
 
     Parameters
     ----------
-    located
-        The request.
-    planner
-        Who plans.
+    walker
+        Of the request on the streets.
+    request
+        What was asked for.
+    within
+        Minutes of the deadline after the departure; by default ``request.by``.
 
     Returns
     -------
@@ -45,42 +49,37 @@ def plan_located(located: LocatedRequest, planner: Planner) -> RoutePlan:
     Raises
     ------
     RouteError
-        A departure so late that the crowds of the walk are not known (field ``depart``).
+        A departure so late that the crowds of the walk are not known (field ``depart``); alternatives of a planner that
+        has none (``alternatives``).
     """
-    walker = _Walker(located, located.request.futures or located.futures_of(planner, located.futures))
-    alone, count = as_expected(walker.params), walker.params.futures.count
-    route = walker.expected_route(planner, alone)
-    _check_covered(located, route)
+    located, planner, count = walker.located, walker.planner, walker.params.futures.count
+    by = request.by if within is None else within
+    route = walker.expected_route(planner)
+    if request.arrive_by is None:
+        _check_covered(located, route)
     walks = walker.walk(planner, count, route.seconds)
     baselines = {
         other.name: walker.walk(other, located.futures_of(other, count), route.seconds).against(walks)
         for other in located.baselines
         if other.name != planner.name
     }
-    density = np.asarray(walker.params.expected.of(jnp.int32(0)).known_density)
-    legs, steps, streets = located.on_map(_legs(alone, density, route), density[:, 0])
-    return RoutePlan(
-        **vars(located.facts),
-        **vars(walks.times()),
-        planner=planner.name,
-        nodes=list(route.nodes),
-        minutes=[(clock - route.clocks[0]) / 60 for clock in route.clocks],
-        legs=legs,
-        steps=steps,
-        metres=sum(leg.metres for leg in legs),
-        expected_minutes=route.seconds / 60,
-        arrives=route.arrived,
-        mean_density=mean_density(legs),
-        crowding=crowding_word(mean_density(legs)),
-        exposure=sum(leg.exposure for leg in legs),
-        too_dense=sum(leg.too_dense for leg in legs),
-        arrive_by=spread(walks.minutes, walks.arrived, located.request.by)["arrive_by"],
-        baselines=baselines,
-        streets=streets,
+    plan = walker.described(route, walks, by, baselines)
+    if not request.alternatives:
+        return plan
+    others = alternatives(
+        planner, walker.alone, walker.instances(1), route, request.alternatives, located.pieces(), walker.key
     )
+    described = [
+        replace(
+            walker.described(other.route, walker.walk(other.planner, count, other.route.seconds), by, {}),
+            shared=other.shared,
+        )
+        for other in others
+    ]
+    return replace(plan, alternatives=tuple(described), asked_alternatives=request.alternatives)
 
 
-def _check_covered(located: LocatedRequest, route: Route) -> None:
+def _check_covered(located: Located, route: Route) -> None:
     scenario, departure = located.scenario, located.clock
     covered = scenario.slots * scenario.slot_seconds
     if departure + route.seconds > covered and departure > scenario.departures[1]:
@@ -89,7 +88,7 @@ def _check_covered(located: LocatedRequest, route: Route) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Walks:
+class Walks:
     """One planner's walks through futures."""
 
     planner: Planner
@@ -107,7 +106,7 @@ class _Walks:
             arrival_rate=rate,
         )
 
-    def against(self, plan: "_Walks") -> BaselineTimes:
+    def against(self, plan: "Walks") -> BaselineTimes:
         """In the mean of those futures that both walked."""
         count, met = len(self.minutes), None
         if self.exposure is not None and plan.exposure is not None:
@@ -116,41 +115,99 @@ class _Walks:
         return BaselineTimes(**vars(self.times()), mean_difference_minutes=longer, mean_difference_exposure=met)
 
 
-class _Walker:
-    """Walks one request through expected crowds and through futures."""
+class Walker:
+    """Walks one request through expected crowds and through futures.
 
-    def __init__(self, located: LocatedRequest, futures: int) -> None:
-        scenario, here, nodes = located.scenario, located.scenario_map, np.array([[located.facts.destination.node]])
-        self._located, self._key = located, purpose_key(here, "test")
+    Parameters
+    ----------
+    located
+        The request on the streets, with origin and destination as its ends.
+    planner
+        Who plans.
+    futures
+        How many to simulate; by default as many as the request and the planner need.
+    """
+
+    def __init__(self, located: Located, planner: Planner, futures: int | None = None) -> None:
+        scenario, here = located.scenario, located.scenario_map
+        self.located, self.planner, self.key = located, planner, purpose_key(here, "test")
+        self._ends = located.ends
+        observed = {each.observes for each in (planner, *located.baselines)}
         self.params = make_environment(
-            scenario, here, "test", futures, level="map", destinations=nodes, hours=located.hours, densities=True
+            scenario,
+            here,
+            "test",
+            futures or located.futures_of(planner, located.futures),
+            level="map" if observed & {"map", "live"} else "position",
+            destinations=np.array([[located.ends[1].node]]),
+            hours=located.hours,
+            densities=True,
         )
+        self.alone = as_expected(self.params)
+        self.density = np.asarray(self.params.expected.of(jnp.int32(0)).known_density)
 
-    def expected_route(self, planner: Planner, alone: EnvParams) -> Route:
-        """All of the walk through the expected crowds, the only future of ``alone``, however long it is."""
+    def departing(self, clock: float) -> "Walker":
+        """The same with another departure, in seconds since the scenario's start."""
+        other = copy(self)
+        other.located = self.located.departing(clock)
+        return other
+
+    def expected_route(self, planner: Planner) -> Route:
+        """All of the walk through the expected crowds, however long it is."""
 
         def whole(params: EnvParams) -> Route:
             trace = params.network.nodes
             while True:
-                (route,) = routes(planner, params, self._instances(1), self._key, trace)
+                (route,) = routes(planner, params, self.instances(1), self.key, trace)
                 if len(route.segments) < trace:
                     return route
                 trace *= 8  # it may go on
 
-        return self._informed(planner, alone, 0.0, whole)
+        return self._informed(planner, self.alone, 0.0, whole)
 
-    def walk(self, planner: Planner, futures: int, seconds: float) -> _Walks:
+    def walk(self, planner: Planner, futures: int, seconds: float) -> Walks:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        todo = self._instances(futures)
+        todo = self.instances(futures)
 
         def through(params: EnvParams) -> Walk:
-            return walk_plan(planner, params, self._plan(planner, params, todo), todo, self._key)
+            return walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
 
         params = replace(self.params, futures=self.params.futures.first(futures))
         walked = self._informed(planner, params, 1.2 * seconds, through)
         minutes, exposure = np.asarray(walked.seconds, np.float64) / 60, walked.measures.get("exposure")
         met = None if exposure is None else np.asarray(exposure, np.float64)
-        return _Walks(planner, minutes, np.asarray(walked.arrived), met)
+        return Walks(planner, minutes, np.asarray(walked.arrived), met)
+
+    def described(
+        self, route: Route, walks: Walks, by: float | None, baselines: Mapping[str, BaselineTimes]
+    ) -> RoutePlan:
+        """Say everything of a route through the expected crowds, and of its walks through futures."""
+        located, (origin, destination) = self.located, self._ends
+        slot = min(int(located.clock // self.params.expected.slot_seconds), self.params.expected.slots - 1)
+        legs, steps, streets = located.on_map(self._legs(route), self.density[:, slot])
+        return RoutePlan(
+            **vars(located.facts),
+            **vars(walks.times()),
+            origin=origin,
+            destination=destination,
+            by_minutes=by,
+            planner=self.planner.name,
+            nodes=list(route.nodes),
+            minutes=[(clock - route.clocks[0]) / 60 for clock in route.clocks],
+            legs=legs,
+            steps=steps,
+            metres=sum(leg.metres for leg in legs),
+            expected_minutes=route.seconds / 60,
+            cost_minutes=route.cost / 60,
+            arrives=route.arrived,
+            mean_density=mean_density(legs),
+            crowding=crowding_word(mean_density(legs)),
+            exposure=sum(leg.exposure for leg in legs),
+            too_dense=sum(leg.too_dense for leg in legs),
+            arrive_by=spread(walks.minutes, walks.arrived, by)["arrive_by"],
+            baselines=baselines,
+            streets=streets,
+        )
 
     def _informed(self, planner: Planner, params: EnvParams, seconds: float, walk: Callable[[EnvParams], T]) -> T:
         """The result of a walk whose planner sees what its level allows.
@@ -170,14 +227,14 @@ class _Walker:
         Route or Walk
             What ``walk`` returns.
         """
-        scenario, departure = self._located.scenario, self._located.clock
+        scenario, departure = self.located.scenario, self.located.clock
         if planner.observes != "live":
             return walk(params)
         slots, forecasts = FIRST_SLOTS, planner.name != Snapshot.name
         while slots * scenario.slot_seconds < departure + seconds:
             slots *= 2
         while True:
-            flow, shown = self._located.scenario_map.flow, min(slots, scenario.slots)
+            flow, shown = self.located.scenario_map.flow, min(slots, scenario.slots)
             found = walk(see_counts(scenario, flow, params, shown, forecasts=forecasts))
             latest = departure + float(np.max(found.seconds))
             if latest <= slots * scenario.slot_seconds or slots >= scenario.slots:
@@ -188,38 +245,38 @@ class _Walker:
         """One plan serves all futures, except in hindsight."""
         if planner.level == "hindsight":
             return planner.plan(params, todo)
-        plan = planner.plan(params, self._instances(1))
+        plan = planner.plan(params, self.instances(1))
         own = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), len(todo.origin), axis=0), plan.own)
         return replace(plan, own=own)
 
-    def _instances(self, count: int) -> Instance:
-        facts = self._located.facts
-        origin, destination = (jnp.full(count, end.node, jnp.int32) for end in (facts.origin, facts.destination))
-        departure = jnp.full(count, self._located.clock, jnp.float32)
+    def instances(self, count: int) -> Instance:
+        """The walk that was asked for in the first ``count`` futures."""
+        origin, destination = (jnp.full(count, end.node, jnp.int32) for end in self._ends[:2])
+        departure = jnp.full(count, self.located.clock, jnp.float32)
         return Instance(origin, destination, departure, jnp.arange(count, dtype=jnp.int32))
+
+    def _legs(self, route: Route) -> list[Leg]:
+        """The segments of a route through the expected crowds."""
+        params = replace(self.alone, objective=self.alone.objective.measured())  # crossings then tell the crowds met
+        length, expected, density = np.asarray(params.network.length), params.expected, self.density
+        hour = float(params.futures.hour[0])
+
+        def leg(segment: int, before: float, after: float) -> Leg:
+            crossed = _cross(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
+            shut = float(params.gates_in(jnp.int32(0))(jnp.int32(segment), jnp.float32(before)))
+            slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
+            return Leg(
+                segment=segment,
+                metres=float(length[segment]),
+                minutes=(after - before) / 60,
+                opens=opening_word(hour, before, shut),
+                minutes_until_open=shut / 60,
+                density=float(density[segment, slot]),
+                exposure=float(crossed.measures["exposure"]),
+                too_dense=bool(crossed.measures["too_dense"]),
+            )
+
+        return list(map(leg, route.segments, route.clocks, route.clocks[1:]))
 
 
 _cross = jax.jit(cross)
-
-
-def _legs(alone: EnvParams, density: Float[np.ndarray, "segment slot"], route: Route) -> list[Leg]:
-    """The segments of a route through the expected crowds, whose densities are given in persons/m²."""
-    params = replace(alone, objective=alone.objective.measured())  # crossings then tell the crowds that they met
-    length, expected, hour = np.asarray(alone.network.length), alone.expected, float(alone.futures.hour[0])
-
-    def leg(segment: int, before: float, after: float) -> Leg:
-        crossed = _cross(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
-        shut = float(params.gates_in(jnp.int32(0))(jnp.int32(segment), jnp.float32(before)))
-        slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
-        return Leg(
-            segment=segment,
-            metres=float(length[segment]),
-            minutes=(after - before) / 60,
-            opens=opening_word(hour, before, shut),
-            minutes_until_open=shut / 60,
-            density=float(density[segment, slot]),
-            exposure=float(crossed.measures["exposure"]),
-            too_dense=bool(crossed.measures["too_dense"]),
-        )
-
-    return list(map(leg, route.segments, route.clocks, route.clocks[1:]))

@@ -1,0 +1,101 @@
+"""Printing and writing answers, and the options that ask for them."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from sidestep.cli import options
+from sidestep.errors import SidestepError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sidestep.routing.router import Router
+
+Hyphened = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+"""For values such as southern latitudes."""
+Origin = Annotated[Hyphened, Parameter(name="--from", help="Node, or in towns LAT,LON; by default the first node.")]
+Destination = Annotated[Hyphened, Parameter(name="--to", help="Node, or in towns LAT,LON; by default the last node.")]
+Depart = Annotated[
+    Hyphened,
+    Parameter(
+        help="In towns local time, such as 2025-05-24T12:30, Sat 12:30 or 12:30; on grids minutes after the start."
+    ),
+]
+Live = Annotated[Path | None, Parameter(help="In towns: current counts, hourly, as CSV.")]
+Avoid = Annotated[
+    Path | None, Parameter(help="In towns: GeoJSON file of polygons; streets that cross them are not walked.")
+]
+OutFile = Annotated[Path | None, Parameter(help="File to write to instead of printing.")]
+
+
+def check_output(output: str, out: Path | None, *, as_json: bool) -> None:
+    """Refuse options for output that exclude each other.
+
+    Parameters
+    ----------
+    output, out, as_json
+        The options ``--format``, ``--out`` and ``--json``.
+
+    Raises
+    ------
+    SidestepError
+        With the option at fault as its field.
+    """
+    if output == "png" and out is None:
+        raise SidestepError("--format png needs --out, the file for the picture", field="out")
+    if as_json and output != "text":
+        raise SidestepError(f"--json and --format {output} exclude each other", field="format")
+
+
+def show(answer: Any, draw: str, output: str, out: Path | None, *, as_json: bool) -> None:
+    """Print an answer, or write it to a file.
+
+    Parameters
+    ----------
+    answer
+        An object with a method ``to_…`` for each format but pictures.
+    draw
+        Name of the function of :mod:`sidestep.plotting` that draws it.
+    output, out, as_json
+        The options ``--format``, ``--out`` and ``--json``.
+    """
+    from sidestep.files import output_folder, write_text
+
+    if out is not None:
+        output_folder(out.parent)
+    if output == "png" and out is not None:
+        from sidestep import plotting
+
+        plotting.save(getattr(plotting, draw)(answer), out)
+        return
+    writer: Callable[[], Any] = getattr(answer, f"to_{'json' if as_json else output}")
+    shown = writer()
+    if not isinstance(shown, str):
+        shown = json.dumps(shown, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    if out is None:
+        print(shown, end="")
+    else:
+        write_text(out, shown)
+
+
+def router(
+    scenario: str, changes: options.Changes, *, model: Path | None = None, seed: int = 0, index: int = 0
+) -> "Router":
+    """The router of a scenario with its options applied.
+
+    Parameters
+    ----------
+    scenario, changes, model, seed, index
+        The options.
+
+    Returns
+    -------
+    Router
+        As it stands.
+    """
+    from sidestep.routing.router import Router
+
+    return Router(options.read_scenario(scenario, changes), model=model, seed=seed, index=index)

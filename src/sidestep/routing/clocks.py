@@ -1,0 +1,245 @@
+"""When: the times that people give, in seconds since clock 0, and clocks in the words of people."""
+
+from dataclasses import dataclass, replace
+from datetime import MAXYEAR, datetime, time, timedelta
+from pathlib import Path
+from typing import Any
+
+from sidestep.crowds.base import FlowModel
+from sidestep.crowds.profile import DAYS, HOURS_OF_WEEK, day_and_time, time_of_week
+from sidestep.crowds.wall_time import local_time
+from sidestep.routing.request import Departure, RouteError, TimeOfWeek, at_fault
+from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.places import Venue
+
+HOUR, DAY_HOURS = 3600.0, 24
+
+
+@dataclass(frozen=True)
+class GridClock:
+    """Minutes after the scenario's start."""
+
+    horizon: float
+    """Seconds from which on nobody sets out."""
+
+    @property
+    def hour(self) -> float:
+        """Hour of the week at clock 0, of which crowds of grids know nothing."""
+        return 0.0
+
+    def clock(self, given: Departure | None, field: str) -> float:
+        """Seconds since the start of a time that somebody gives.
+
+        Parameters
+        ----------
+        given, field
+            Minutes, and the parameter that they are of.
+
+        Returns
+        -------
+        float
+            0 if nothing is given.
+
+        Raises
+        ------
+        RouteError
+            Anything but minutes before the horizon.
+        """
+        minutes = 0.0 if given is None else given
+        if not isinstance(minutes, (int, float)) or not 0 <= 60 * minutes < self.horizon:
+            what = "departure" if field == "depart" else field.replace("_", " ")
+            most = f"{self.horizon / 60:g}"
+            raise RouteError(f"the {what} must be minutes between 0 and {most}, not {minutes}", field=field)
+        return 60.0 * minutes
+
+    def earliest(self, given: Departure, deadline: float) -> float:
+        """Seconds since the start of the earliest departure; RouteError where it is after the deadline."""
+        if (clock := self.clock(given, "depart")) > deadline:
+            raise RouteError(f"the earliest departure, {given} min, is after arrive_by", field="depart")
+        return clock
+
+    @staticmethod
+    def facts(clock: float) -> dict[str, Any]:
+        """What :class:`~sidestep.routing.facts.SceneFacts` say of a clock."""
+        return {"departs": f"{clock / 60:g} min after the start", "departure_minutes": clock / 60}
+
+
+@dataclass(frozen=True)
+class TownClock:
+    """Local wall time, on a date, on a day of any week, or, for crowds without times, from their first slot on."""
+
+    hour: float
+    """Hour of the week at clock 0; 0 is Monday 0:00."""
+
+    first_day: int
+    """Day of the week, 0 is Monday, of times without a day."""
+
+    date: datetime | None = None
+    """Clock 0 as a date; None where no day was given."""
+
+    timed: bool = True
+    """Whether crowds depend on the hour of the week."""
+
+    timezone: str | None = None
+    """That of the place, an IANA name; None where it is not known."""
+
+    def clock(self, given: Departure | None, field: str) -> float:
+        """Seconds from clock 0 to the next such time.
+
+        Parameters
+        ----------
+        given, field
+            A local time, and the parameter that it is of.
+
+        Returns
+        -------
+        float
+            0 if nothing is given.
+
+        Raises
+        ------
+        RouteError
+            Anything but a local time, a date before clock 0, and crowds without times.
+        """
+        if given is None:
+            return 0.0
+        if not self.timed:
+            raise RouteError(f"crowds of slots without times begin with the walk; leave out {field}", field=field)
+        ahead, every = self._ahead(given, field)
+        if every is None and ahead < 0:
+            raise RouteError(f"{field} is before the departure; give a later time", field=field)
+        return ahead if every is None else ahead % every
+
+    def earliest(self, given: Departure, deadline: float) -> float:
+        """Seconds since clock 0 of the earliest departure, 0 if it is before that.
+
+        Parameters
+        ----------
+        given
+            A local time; without a date it is the last such time before the deadline.
+        deadline
+            Seconds since clock 0.
+
+        Returns
+        -------
+        float
+            At most the deadline.
+
+        Raises
+        ------
+        RouteError
+            A departure after the deadline (field ``depart``).
+        """
+        ahead, every = self._ahead(given, "depart")
+        back = deadline - ahead if every is None else (deadline - ahead) % every
+        if back < 0 or (every is not None and back > every / 2):
+            raise RouteError("the earliest departure is after arrive_by; depart earlier", field="depart")
+        return max(deadline - back, 0.0)
+
+    def _ahead(self, given: Departure, field: str) -> tuple[float, float | None]:
+        """Seconds from clock 0 to a time, and after how many seconds there is another such time."""
+        hour, date = time_given(given, self.first_day, field, self.timezone)
+        if date is not None and self.date is not None:
+            return (date - self.date).total_seconds(), None
+        every = DAY_HOURS if isinstance(given, time) or getattr(given, "day", 0) is None else HOURS_OF_WEEK
+        return round((hour - self.hour) * HOUR, 3), every * HOUR
+
+    def earlier(self, seconds: float) -> "TownClock":
+        """Clock 0 some seconds before this one."""
+        date = None if self.date is None else self.date - timedelta(seconds=seconds)
+        return replace(self, hour=(self.hour - seconds / HOUR) % HOURS_OF_WEEK, date=date)
+
+    def facts(self, clock: float) -> dict[str, Any]:
+        """What :class:`~sidestep.routing.facts.SceneFacts` say of a clock."""
+        if not self.timed:
+            return {"departs": "as the table begins"}
+        there = self.earlier(-clock)
+        if there.date is None:
+            return {"departs": day_and_time(there.hour), "hour_of_week": there.hour}
+        departs = f"{DAYS[there.date.weekday()]} {there.date:%Y-%m-%d %H:%M}"
+        return {"departs": departs, "hour_of_week": there.hour, "departure": there.date.isoformat()}
+
+
+Clock = GridClock | TownClock
+
+
+def time_given(given: Departure, first_day: int, field: str, timezone: str | None) -> tuple[float, datetime | None]:
+    """Read a local time.
+
+    Parameters
+    ----------
+    given, field
+        The time, and the parameter that it is of.
+    first_day
+        Day of the week, 0 is Monday, of times without a day.
+    timezone
+        That of the place, an IANA name; None where it is not known.
+
+    Returns
+    -------
+    float, datetime or None
+        Its hour of the week, and its date if it has one.
+
+    Raises
+    ------
+    RouteError
+        Minutes, and the last year of all.
+    SidestepError
+        Zones where that of the place is not known, and hours that clock changes leave out.
+    """
+    if isinstance(given, time):
+        given = TimeOfWeek(given)
+    if isinstance(given, TimeOfWeek) and given.time.tzinfo is None:
+        day = first_day if given.day is None else given.day
+        return time_of_week(datetime.combine(datetime(2024, 1, 1 + day), given.time)), None  # noqa: DTZ001 - a Monday
+    if isinstance(given, datetime) and 1 < given.year < MAXYEAR:
+        with at_fault(field):
+            there = local_time(given, timezone)
+        return time_of_week(there), there
+    what = "departure" if field == "depart" else field.replace("_", " ")
+    said = f"the {what} must be a local time, such as 2025-05-24T12:30 or Sat 12:30"
+    raise RouteError(f"{said}, not {given}", field=field)
+
+
+def town_clock(venue: Venue, flow: FlowModel, depart: Departure | None, field: str = "depart") -> TownClock:
+    """Let clock 0 be a departure.
+
+    Parameters
+    ----------
+    venue, flow
+        The place, and its crowds.
+    depart, field
+        The departure, and the parameter that it is of; by default the first hour at which people usually set out.
+
+    Returns
+    -------
+    TownClock
+        The clock.
+
+    Raises
+    ------
+    RouteError
+        A departure of which crowds know nothing.
+    """
+    usual, source = venue.departure_hours(1)[0], Path(venue.crowd_source.file).name
+    if not flow.timed:
+        if depart is None:
+            return TownClock(usual, 0, timed=False)
+        said = "has slots without times, so walks depart as it begins"
+        raise RouteError(f"{source} {said}; leave out {field.replace('_', ' ')}", field=field)
+    first_day = min(venue.days)
+    hour, date = (usual, None) if depart is None else time_given(depart, first_day, field, venue.timezone)
+    clock = TownClock(hour, first_day, date, timezone=venue.timezone)
+    if not flow.covers(hour):
+        when = clock.facts(0.0)["departs"]
+        raise RouteError(f"{source} covers {flow.coverage}, but the departure is {when}", field=field)
+    return clock
+
+
+def covered_before(clock: TownClock, flow: FlowModel, scenario: Scenario) -> float:
+    """Seconds before clock 0, at most the horizon, from which on crowds are known without a gap."""
+    steps = int(scenario.horizon // scenario.slot_seconds)
+    for step in range(1, steps + 1):
+        if not flow.covers(clock.earlier(step * scenario.slot_seconds).hour):
+            return (step - 1) * scenario.slot_seconds
+    return steps * scenario.slot_seconds

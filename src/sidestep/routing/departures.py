@@ -1,0 +1,215 @@
+"""When to set out: the latest departure that arrives in time, and the best departure in a window."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sidestep.planners.base import Planner
+from sidestep.routing.facts import End, SceneFacts
+from sidestep.routing.formats import table
+from sidestep.routing.located import Located
+from sidestep.routing.plan import RoutePlan, WalkTimes
+from sidestep.routing.request import RouteError, RouteRequest
+from sidestep.routing.walks import Walker, Walks, planned
+
+MINUTE = 60.0
+MOST_DEPARTURES = 300
+"""The most departures of a window that are walked."""
+
+
+def latest_departure(located: Located, planner: Planner, request: RouteRequest, earliest: float) -> RoutePlan:
+    """Plan the route that departs as late as it may.
+
+    Departures are whole minutes before the deadline. Nobody who sets out later on the same path arrives earlier, so the
+    search goes back slot by slot until enough futures arrive, and then looks at every minute of the slot: the planner
+    may choose another path, so halving it could miss some.
+
+    Parameters
+    ----------
+    located
+        The request on the streets; its clock is the deadline.
+    planner, request
+        Who plans, and what was asked for.
+    earliest
+        The earliest departure, seconds since the scenario's start.
+
+    Returns
+    -------
+    RoutePlan
+        The share of the futures in which it arrives by the deadline is ``arrive_by``.
+
+    Raises
+    ------
+    RouteError
+        A deadline that cannot be met, with the earliest arrival that can (field ``arrive_by``).
+    """
+    deadline, walker = located.clock, Walker(replace(located, baselines=()), planner, request.futures)
+    step, most = math.ceil(located.scenario.slot_seconds / MINUTE), int((deadline - earliest) // MINUTE)
+
+    def walks(minutes: float) -> Walks:
+        departing = walker.departing(deadline - MINUTE * minutes)
+        return departing.walk(planner, departing.params.futures.count, MINUTE * minutes)
+
+    def sure(minutes: float) -> bool:
+        found = walks(minutes)
+        return bool((found.arrived & (found.minutes <= minutes)).mean() >= request.confidence)
+
+    before = 0
+    while not sure(after := min(before + step, most)):
+        if after == most:
+            late = walks((deadline - earliest) / MINUTE)
+            raise RouteError(_too_late(located, request, late, earliest), field="arrive_by")
+        before = after
+    after = next((minutes for minutes in range(before + 1, after) if sure(minutes)), after)
+    plan = planned(
+        Walker(located.departing(deadline - MINUTE * after), planner, request.futures),
+        request,
+        within=float(after),
+    )
+    return replace(plan, deadline=located.facts.departs, confidence=request.confidence)
+
+
+def _too_late(located: Located, request: RouteRequest, walks: Walks, earliest: float) -> str:
+    """Say when a walk that sets out as early as it may arrives."""
+    minutes = np.where(walks.arrived, walks.minutes, math.inf)
+    surely = float(np.quantile(minutes, request.confidence, method="higher"))
+    sets_out = located.departing(earliest).facts.departs
+    said = f"no departure from {sets_out} on arrives by {located.facts.departs} with probability {request.confidence:g}"
+    if not math.isfinite(surely):
+        return f"{said}, nor later; choose a lower confidence"
+    arrives = located.departing(MINUTE * math.ceil(earliest / MINUTE + surely)).facts.departs
+    return f"{said}; the earliest arrival is {arrives}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepartureTimes(WalkTimes):
+    """The walks of one departure."""
+
+    departs: str
+    """For people."""
+
+    departure: str | None
+    """Local time, ISO 8601; None where no day was given."""
+
+    departure_minutes: float
+    """Minutes after the first departure of the window."""
+
+    expected_minutes: float
+    """Travel time if crowds are as expected."""
+
+    arrives: bool
+    """Whether that walk arrives."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepartureWindow(SceneFacts):
+    """How long the walk from one place to another takes at every departure of a window.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> router = sidestep.Router(sidestep.scenario("rush-16", side=3, crowded_nodes=1))
+    >>> window = router.when(0, 8, depart=0, until=30, step=15, futures=10)
+    >>> [departure.departs for departure in window.departures]
+    ['0 min after the start', '15 min after the start', '30 min after the start']
+    """
+
+    origin: End
+    destination: End
+
+    planner: str
+    """Name of the planner."""
+
+    departures: Sequence[DepartureTimes]
+    """The earliest first."""
+
+    @property
+    def best(self) -> DepartureTimes:
+        """The departure whose walk takes the fewest minutes in 90 % of the futures; of equal ones the earliest."""
+        return min(self.departures, key=lambda departure: departure.p90_minutes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, ready for ``json.dumps``."""
+        return {**asdict(self), "best": asdict(self.best)}
+
+    def to_text(self) -> str:
+        """A table for people."""
+        rows = [
+            (
+                each.departs,
+                f"{each.expected_minutes:.1f}",
+                f"{each.median_minutes:.1f}",
+                f"{each.p90_minutes:.1f}",
+                f"{100 * each.arrival_rate:.0f} %",
+                "best" if each is self.best else "",
+            )
+            for each in self.departures
+        ]
+        heading = ("departure", ">expected min", ">median", ">90 % within", ">arrive", "")
+        futures = self.departures[0].futures
+        lines = [
+            f"{self.planner}, {self.origin.asked} to {self.destination.asked}, {futures} simulated futures:",
+            "",
+            *table(heading, rows),
+            "",
+            f"Best: {self.best.departs}, {self.best.in_words()}",
+            "",
+            *self.notes(),
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def departure_window(located: Located, planner: Planner, step: float | None, futures: int | None) -> DepartureWindow:
+    """Walk at every departure of a window.
+
+    Parameters
+    ----------
+    located
+        The request on the streets; its clock is the first departure, ``latest`` the last one.
+    planner
+        Who plans.
+    step
+        Minutes between departures; by default a slot.
+    futures
+        How many to simulate.
+
+    Returns
+    -------
+    DepartureWindow
+        One row for each departure.
+
+    Raises
+    ------
+    RouteError
+        A window that ends before it begins (field ``until``), or too many departures (``step``).
+    """
+    seconds = located.scenario.slot_seconds if step is None else MINUTE * step
+    if located.latest < located.clock:
+        raise RouteError("the latest departure of the window is before the first; swap them", field="until")
+    number = int((located.latest - located.clock) // seconds) + 1
+    if number > MOST_DEPARTURES:
+        said = f"there are {number:,} departures in the window, and {MOST_DEPARTURES} at most"
+        raise RouteError(f"{said}; take longer steps", field="step")
+    walker, rows = Walker(replace(located, baselines=()), planner, futures), []
+    for turn in range(number):
+        departing = walker.departing(located.clock + turn * seconds)
+        route = departing.expected_route(planner)
+        walks = departing.walk(planner, departing.params.futures.count, route.seconds)
+        facts = departing.located.facts
+        rows.append(
+            DepartureTimes(
+                **vars(walks.times()),
+                departs=facts.departs,
+                departure=facts.departure,
+                departure_minutes=turn * seconds / MINUTE,
+                expected_minutes=route.seconds / MINUTE,
+                arrives=route.arrived,
+            )
+        )
+    origin, destination = located.ends
+    return DepartureWindow(
+        **vars(located.facts), origin=origin, destination=destination, planner=planner.name, departures=tuple(rows)
+    )

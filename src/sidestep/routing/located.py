@@ -1,0 +1,232 @@
+"""Requests on the streets: with locate.py the only modules here that tell grids from towns."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sidestep.network.contours import Raster, Samples, ring_area
+from sidestep.network.snapping import SplitStreets
+from sidestep.network.town import Town
+from sidestep.planners.base import Planner
+from sidestep.planners.reactive import Snapshot
+from sidestep.planners.shortest_path import ShortestPath
+from sidestep.routing.clocks import Clock
+from sidestep.routing.directions import Leg, Step, directions
+from sidestep.routing.facts import End, SceneFacts, StreetMap
+from sidestep.scenarios.maps import ScenarioMap
+from sidestep.scenarios.model import Scenario
+from sidestep.walking.speed_laws import FREE_SPEED
+
+FUTURES = 200
+"""Futures that are simulated by default."""
+
+LIVE_FUTURES = 20
+"""The same in towns for planners that see all counts: forecasts in every slot of every future take long."""
+
+BASELINES: tuple[Planner, ...] = (ShortestPath(), Snapshot())
+"""Planners that plans in towns are compared with."""
+
+
+OnMap = tuple[list[Leg], list[Step] | None, StreetMap | None]
+
+
+class Outline(NamedTuple):
+    """What is reached within a limit."""
+
+    kilometres: float | None = None
+    """Of streets; None on grids."""
+    hectares: float | None = None
+    """Of the area around them; None on grids."""
+    polygons: list[list[list[list[float]]]] | None = None
+    """Of each polygon its outer ring and its holes, as lists of longitude and latitude; None on grids."""
+
+
+OnSegments = tuple[Float[np.ndarray, " segment"], Float[np.ndarray, " segment"]]
+"""When each segment is entered, in s, infinite where it is not; and seconds on it."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Located:
+    """A request with all that a planner needs to know. On grids, as it stands, streets have no names or coordinates."""
+
+    ends: tuple[End, ...]
+    """The places, in the order given."""
+
+    facts: SceneFacts
+    scenario: Scenario
+
+    scenario_map: ScenarioMap
+    """The streets, split at the ends, and the crowds on them from clock 0 on."""
+
+    start: Clock
+    """What clock 0 is."""
+
+    baselines: tuple[Planner, ...] = ()
+    """Planners that the plan is compared with."""
+
+    live_futures: int = FUTURES
+    """The most futures that planners that see all counts walk by default."""
+
+    clock: float = 0.0
+    """Departure, seconds since the scenario's start."""
+
+    latest: float = 0.0
+    """The latest departure that matters, seconds since the scenario's start."""
+
+    may_stay: ClassVar[bool] = True
+    """Whether a route may end where it begins."""
+
+    @property
+    def hours(self) -> list[float]:
+        """Hour of the week at clock 0, for the one destination."""
+        return [self.start.hour]
+
+    @property
+    def futures(self) -> int:
+        """Futures that are simulated by default."""
+        return 1 if self.scenario.place.certain else FUTURES
+
+    def futures_of(self, planner: Planner, count: int) -> int:
+        """How many of ``count`` futures a planner walks by default."""
+        return min(count, self.live_futures) if planner.observes == "live" else count
+
+    def departing(self, clock: float) -> Self:
+        """The same with another departure, in seconds since the scenario's start."""
+        return replace(self, clock=clock, facts=replace(self.facts, **self.start.facts(clock)))
+
+    def pieces(self) -> Int[np.ndarray, "segment 3"]:
+        """Name each segment so that both directions of a street, or of a piece of it, have the same name."""
+        network = self.scenario_map.network
+        ends = np.sort(np.stack([network.tail, network.head], axis=1), axis=1)
+        return np.concatenate([ends, np.zeros((len(ends), 1), int)], axis=1)
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes, without those at which streets are split."""
+        return self.scenario_map.network.nodes
+
+    @property
+    def town(self) -> Town | None:
+        """The streets as people know them; None on grids."""
+        return None
+
+    def outlines(self, walks: Sequence[OnSegments], limits: Float[np.ndarray, " limit"]) -> list[list[Outline]]:
+        """Sizes and borders of what is reached from the first end; on grids there are none.
+
+        Parameters
+        ----------
+        walks
+            When segments are walked.
+        limits
+            Seconds, in rising order.
+
+        Returns
+        -------
+        list of list of Outline
+            For each of the walks one for each limit.
+        """
+        return [[Outline() for _ in limits] for _ in walks]
+
+    def street_map(self, density: Float[np.ndarray, " segment"]) -> StreetMap | None:  # noqa: ARG002 - for towns
+        """The densest crowd of each street, given persons/m² on all segments; None on grids."""
+        return None
+
+    def named_streets(self, density: Float[np.ndarray, " segment"]) -> Iterator[tuple[dict[str, Any], float]]:
+        """Name all streets of a town, or all segments of a grid.
+
+        Parameters
+        ----------
+        density
+            Persons/m² on all segments.
+
+        Yields
+        ------
+        dict, float
+            Number, name, kind, ends and length of a street, and the density on it.
+        """
+        network = self.scenario_map.network
+        columns = (np.asarray(column).tolist() for column in (network.tail, network.head, network.length, density))
+        for tail, head, metres, persons in zip(*columns, strict=True):
+            yield {"street": None, "name": None, "kind": None, "nodes": (tail, head), "metres": metres}, persons
+
+    def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
+        """The legs with their streets, turns, and a map, given the densities on all segments in persons/m²."""
+        return legs, None, self.street_map(density)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LocatedInTown(Located):
+    """A request in a town."""
+
+    streets: SplitStreets
+    """The streets of the map with their names and coordinates."""
+
+    baselines: tuple[Planner, ...] = BASELINES
+    live_futures: int = LIVE_FUTURES
+    may_stay: ClassVar[bool] = False
+
+    def pieces(self) -> Int[np.ndarray, "segment 3"]:
+        ends = super().pieces()
+        ends[:, 2] = self.streets.street  # parallel streets have the same ends
+        return ends
+
+    @property
+    def nodes(self) -> int:
+        return self.streets.town.nodes
+
+    @property
+    def town(self) -> Town:
+        return self.streets.town
+
+    def outlines(self, walks: Sequence[OnSegments], limits: Float[np.ndarray, " limit"]) -> list[list[Outline]]:
+        town, samples, (origin, *_) = self.town, samples_of(self.town), self.ends
+        reached = [samples.reached(self.streets, *walk) for walk in walks]
+        inside = samples.xy[np.min(reached, axis=0) <= limits.max()]
+        here = town.project(np.array([[origin.longitude, origin.latitude]], float))
+        raster = Raster.around(samples, np.concatenate([here, inside]))
+
+        def outline(
+            seconds: Float[np.ndarray, " sample"], around: Float[np.ndarray, "row column"], limit: float
+        ) -> Outline:
+            metres = float(samples.metres[seconds <= limit].sum())
+            areas = raster.areas(around, limit, FREE_SPEED)
+            square = sum(ring_area(ring) for rings in areas for ring in rings)
+            degrees = [[np.round(town.projection.unproject(ring), 7).tolist() for ring in rings] for rings in areas]
+            return Outline(metres / 1000, square / 10_000, degrees)
+
+        around = [raster.seconds(seconds, FREE_SPEED) for seconds in reached]
+        return [[outline(*there, limit) for limit in limits.tolist()] for there in zip(reached, around, strict=True)]
+
+    def street_map(self, density: Float[np.ndarray, " segment"]) -> StreetMap:
+        densest = np.zeros(self.streets.town.streets, density.dtype)
+        np.maximum.at(densest, self.streets.street, density)
+        return StreetMap(self.streets.town, densest)
+
+    def named_streets(self, density: Float[np.ndarray, " segment"]) -> Iterator[tuple[dict[str, Any], float]]:
+        town = self.town
+        persons = self.street_map(density).density.tolist()
+        ends = zip(town.tail.tolist(), town.head.tolist(), strict=True)
+        columns = (town.name, town.kind, ends, town.length.tolist(), persons)
+        for street, (name, kind, nodes, metres, dense) in enumerate(zip(*columns, strict=True)):
+            yield {"street": street, "name": name, "kind": kind, "nodes": nodes, "metres": metres}, dense
+
+    def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
+        """Name the streets of the legs, put turns into words, and show the densest crowd of each street."""
+        town, street_of = self.streets.town, self.streets.street
+        named = []
+        for leg in legs:
+            street, course = int(street_of[leg.segment]), np.round(self.streets.course(leg.segment), 7).tolist()
+            named.append(
+                replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
+            )
+        return named, directions(named), self.street_map(density)
+
+
+@lru_cache(maxsize=4)
+def samples_of(town: Town) -> Samples:
+    """Points along all streets of a town, made once."""
+    return Samples.of(town)

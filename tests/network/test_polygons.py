@@ -1,0 +1,122 @@
+"""Areas to avoid: what is a polygon, and which streets cross one."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sidestep.network.formats import load_helsinki
+from sidestep.network.polygons import PolygonError, read_polygons
+from sidestep.network.snapping import Snapper, split_streets
+
+WEST, SOUTH, EAST, NORTH = 24.940, 60.168, 24.944, 60.170
+RING = [[WEST, SOUTH], [EAST, SOUTH], [EAST, NORTH], [WEST, NORTH], [WEST, SOUTH]]
+POLYGON = {"type": "Polygon", "coordinates": [RING]}
+HOLE = [[24.941, 60.1685], [24.941, 60.1695], [24.943, 60.1695], [24.943, 60.1685], [24.941, 60.1685]]
+
+
+def collection(*geometries: object) -> dict:
+    features = [{"type": "Feature", "properties": {}, "geometry": each} for each in geometries]
+    return {"type": "FeatureCollection", "features": features}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        POLYGON,
+        {"type": "MultiPolygon", "coordinates": [[RING]]},
+        {"type": "Feature", "geometry": POLYGON},
+        collection(POLYGON, POLYGON),
+        {"type": "GeometryCollection", "geometries": [POLYGON]},
+    ],
+)
+def test_polygons_come_in_many_wrappings(content: dict, tmp_path) -> None:
+    town = load_helsinki()
+    file = tmp_path / "area.geojson"
+    file.write_text(json.dumps(content))
+    for given in (content, file, str(file)):
+        area = read_polygons(given, town)
+        assert area.contains(np.array([[24.942, 60.169], [24.945, 60.169]])).tolist() == [True, False]
+
+
+def test_holes_are_no_part_of_an_area() -> None:
+    area = read_polygons({"type": "Polygon", "coordinates": [RING, HOLE]}, load_helsinki())
+    assert area.contains(np.array([[24.942, 60.169], [24.9405, 60.1682]])).tolist() == [False, True]
+
+
+def test_streets_that_lead_through_an_area_cross_it() -> None:
+    town = load_helsinki()
+    streets = split_streets(town, [])
+    crossed = read_polygons(POLYGON, town).crossed(streets)
+    for segment in range(0, streets.network.segments, 97):
+        inside = ((streets.course(segment) > (WEST, SOUTH)) & (streets.course(segment) < (EAST, NORTH))).all(axis=1)
+        assert crossed[segment] or not inside.any()
+    assert 0 < crossed.sum() < len(crossed) / 2
+
+
+def test_only_the_piece_inside_an_area_crosses_it() -> None:
+    town = load_helsinki()
+    street = int(np.argmax(town.length))
+    course = town.course(street)
+    latitude, longitude = course[len(course) // 2][::-1]
+    streets = split_streets(town, [Snapper(town).nearest(float(latitude), float(longitude))])
+    pieces = np.flatnonzero((streets.street == street) & (streets.fraction < 1))
+    west, south = course[0] - 1e-5
+    ring = [[west, south], [west + 2e-5, south], [west + 2e-5, south + 2e-5], [west, south + 2e-5], [west, south]]
+    crossed = read_polygons({"type": "Polygon", "coordinates": [ring]}, town).crossed(streets)
+    begins = np.minimum(streets.begin, streets.end)[pieces] == 0
+    assert len(pieces) >= 2
+    assert crossed[pieces].tolist() == begins.tolist()
+
+
+def open_ring(ring: list) -> dict:
+    return {"type": "Polygon", "coordinates": [ring]}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"type": "Point", "coordinates": [24.94, 60.17]},
+        {"type": "LineString", "coordinates": RING},
+        {"type": "FeatureCollection", "features": []},
+        {"type": "FeatureCollection"},
+        {"type": "Polygon", "coordinates": []},
+        {"type": "Polygon"},
+        {"type": "MultiPolygon", "coordinates": [3]},
+        {"type": "Feature", "geometry": None},
+        {},
+        open_ring(RING[:-1]),
+        open_ring(RING[:3]),
+        open_ring([RING[0], RING[2], RING[1], RING[3], RING[0]]),  # crosses itself
+        open_ring([*RING[:2], ["24.94", 60.17], *RING[2:]]),
+        open_ring([*RING[:2], [float("nan"), 60.17], *RING[2:]]),
+        open_ring([*RING[:2], [10**400, 60.17], *RING[2:]]),
+        open_ring([[2776000 + x, 8437000 + y] for x, y in RING]),  # metres
+        open_ring(["here"]),
+    ],
+)
+def test_what_is_no_polygon(content: dict, tmp_path) -> None:
+    with pytest.raises(PolygonError) as caught:
+        read_polygons(content, load_helsinki())
+    assert "\n" not in str(caught.value)
+    (tmp_path / "area.geojson").write_text(json.dumps(content))
+    with pytest.raises(PolygonError):
+        read_polygons(tmp_path / "area.geojson", load_helsinki())
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1, 2]", "null", "\x00", "[" * 100_000])
+def test_what_is_no_geojson(text: str, tmp_path) -> None:
+    (tmp_path / "area.geojson").write_text(text)
+    with pytest.raises(PolygonError):
+        read_polygons(tmp_path / "area.geojson", load_helsinki())
+    with pytest.raises(PolygonError):
+        read_polygons(tmp_path / "none.geojson", load_helsinki())
+
+
+def test_latitude_and_longitude_swapped() -> None:
+    swapped = [[latitude, longitude] for longitude, latitude in RING]
+    with pytest.raises(PolygonError, match="swapped"):
+        read_polygons(open_ring(swapped), load_helsinki())
+    # an area elsewhere is just elsewhere
+    elsewhere = read_polygons(open_ring([[x + 1, y] for x, y in RING]), load_helsinki())
+    assert not elsewhere.crossed(split_streets(load_helsinki(), [])).any()

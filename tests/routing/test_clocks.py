@@ -1,0 +1,85 @@
+"""What times people give, and where on the clock they lie."""
+
+from datetime import datetime, time
+
+import pytest
+
+from sidestep.routing.clocks import GridClock, TownClock
+from sidestep.routing.request import RouteError, TimeOfWeek, read_departure
+
+SATURDAY = TownClock(5 * 24 + 17.5, 0, datetime.fromisoformat("2025-05-24T17:30"))
+ANY = TownClock(5 * 24 + 17.5, 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "day", "clock"),
+    [
+        ("17:30", None, time(17, 30)),
+        ("7:30", None, time(7, 30)),
+        ("07:30:15", None, time(7, 30, 15)),
+        ("Fri 17:30", 4, time(17, 30)),
+        ("friday 17:30", 4, time(17, 30)),
+        ("Thurs. 0:00", 3, time(0)),
+        ("SUN 23:59", 6, time(23, 59)),
+    ],
+)
+def test_times_of_the_week(text: str, day: int | None, clock: time) -> None:
+    assert read_departure(text) == TimeOfWeek(clock, day)
+
+
+@pytest.mark.parametrize("text", ["24:00", "17:60", "Fre 17:30", "Fr 17:30", "Friday", "5 pm", "17:30+02:00", ":30"])
+@pytest.mark.parametrize("field", ["depart", "arrive_by", "until", "at"])
+def test_other_text_is_no_time(text: str, field: str) -> None:
+    with pytest.raises(RouteError) as caught:
+        read_departure(text, field)
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("start", "text", "seconds"),
+    [
+        (ANY, "17:30", 0),
+        (ANY, "17:00", 23.5 * 3600),  # the next day
+        (ANY, "Sat 18:00", 1800),
+        (ANY, "Sat 17:00", (7 * 24 - 0.5) * 3600),
+        (ANY, "2025-05-25T17:30", 24 * 3600),
+        (SATURDAY, "2025-05-24T18:00", 1800),
+        (SATURDAY, "18:00", 1800),
+    ],
+)
+def test_seconds_to_the_next_such_time(start: TownClock, text: str, seconds: float) -> None:
+    assert start.clock(read_departure(text), "until") == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("18:00", 9000), ("15:00", 0), ("Sat 18:00", 9000), ("2025-05-24T18:00", 9000), ("2025-05-23T18:00", 0)],
+)
+def test_the_earliest_departure_before_a_deadline(text: str, seconds: float) -> None:
+    start = SATURDAY.earlier(2 * 3600.0)  # 15:30; the deadline is 18:30
+    assert start.earliest(read_departure(text), 3 * 3600.0) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("text", ["19:00", "Sat 19:00", "2025-05-24T19:00", "Sun 1:00"])
+def test_departures_after_the_deadline(text: str) -> None:
+    with pytest.raises(RouteError) as caught:
+        SATURDAY.earlier(7200.0).earliest(read_departure(text), 3 * 3600.0)
+    assert caught.value.field == "depart"
+
+
+def test_clocks_in_words() -> None:
+    assert SATURDAY.facts(1800.0) == {
+        "departs": "Saturday 2025-05-24 18:00", "hour_of_week": 138.0, "departure": "2025-05-24T18:00:00",
+    }  # fmt: skip
+    assert ANY.facts(6.5 * 3600) == {"departs": "Sunday 00:00", "hour_of_week": 144.0}
+    assert GridClock(3600.0).facts(150.0) == {"departs": "2.5 min after the start", "departure_minutes": 2.5}
+
+
+def test_times_that_cannot_be() -> None:
+    for start, given in ((SATURDAY, 30.0), (SATURDAY, datetime.fromisoformat("2025-05-24T17:00"))):
+        with pytest.raises(RouteError) as caught:
+            start.clock(given, "until")
+        assert caught.value.field == "until"
+    for given in (-1, 60, time(17, 30), float("nan")):
+        with pytest.raises(RouteError):
+            GridClock(3600.0).clock(given, "until")
