@@ -169,7 +169,7 @@ def main() -> None:
     parser.add_argument("--merge", type=float, nargs="*", default=[0.0, MERGE, 12.0], help="metres, several at once")
     parser.add_argument("--places", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--worst", type=int, default=0, help="list so many pairs that are off by more than 15 %")
+    parser.add_argument("--worst", type=int, default=0, help="list so many pairs that are off by more than 15 %%")
     options = parser.parse_args()
     towns = {f"Sidestep, merge {merge:g} m": import_osm(options.extract, merge=merge)[0] for merge in options.merge}
     towns |= {f"Sidestep, {path.name}": load_town(path) for path in options.town}

@@ -41,7 +41,7 @@ def test_every_walk_goes_elsewhere(place) -> None:
     assert len(np.unique(parts)) > 100
     np.testing.assert_array_equal(parts[1], random_destinations(place, 50, 1))
     assert (parts[0] != random_destinations(draw_map(HELSINKI, 2), 50, 0)).any()
-    with pytest.raises(ScenarioError, match="cannot be 946 different destinations among 946 nodes"):
+    with pytest.raises(ScenarioError, match="cannot be 1284 different destinations among 1284 nodes"):
         random_destinations(place, place.network.nodes, 0)
 
 

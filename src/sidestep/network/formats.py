@@ -96,7 +96,7 @@ def load_town(path: str | Path) -> Town:
     ...     save_town(sidestep.load_helsinki(), path)
     ...     town = sidestep.load_town(path)
     >>> town.streets, town.attribution
-    (1707, '© OpenStreetMap contributors, ODbL 1.0')
+    (2519, '© OpenStreetMap contributors, ODbL 1.0')
     """
     path = Path(path)
     suffix = check_suffix(path)
@@ -125,7 +125,7 @@ def load_helsinki() -> Town:
     >>> import sidestep
     >>> town = sidestep.load_helsinki()
     >>> town.nodes, town.streets, round(town.kilometres, 1)
-    (946, 1707, 85.5)
+    (1284, 2519, 110.2)
     """
     with resources.as_file(resources.files("sidestep.network") / "helsinki.npz") as path:
         return load_town(path)
