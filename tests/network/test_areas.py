@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from sidestep.network.osm import OsmError
+
 FOOT = {"highway": "footway"}
 SQUARE = {"highway": "pedestrian", "area": "yes", "name": "Market"}
 NODES = {1: (0, 0), 2: (100, 0), 3: (100, 100), 4: (0, 100), 5: (0, -50), 6: (100, 150)}
@@ -196,6 +198,11 @@ def test_a_gate_with_opening_times_holds_for_its_own_entry_only(build) -> None:
     assert {5, 6} <= set(always)
     assert float(town.length[~timed].sum()) == pytest.approx(50 + 80 + 80 + 50, abs=0.5)
     assert timed.any()
+
+
+def test_one_area_alone_is_no_town(build) -> None:
+    with pytest.raises(OsmError, match="nothing leads"):
+        build(NODES, {10: (RING, SQUARE)})
 
 
 def test_areas_alone_are_a_town(build, listed) -> None:

@@ -52,6 +52,7 @@ ACCESS = {
 TAGS = st.fixed_dictionaries(
     {"highway": KINDS},
     optional={
+        "area": st.sampled_from(["yes", "no"]),
         "oneway": st.sampled_from(["yes", "-1", "no"]),
         "oneway:foot": st.sampled_from(["yes", "-1", "no"]),
         "conveying": st.sampled_from(["forward", "backward"]),
@@ -88,8 +89,16 @@ def xml(nodes, ways) -> bytes:
     for number, (x, y, tags) in nodes.items():
         lines.append(f'<node id="{number}" lat="{60 + y * STEP:.7f}" lon="{25 + x * STEP:.7f}">{said(tags)}</node>')
     for number, (refs, tags) in enumerate(ways, 1):
-        through = "".join(f'<nd ref="{ref}"/>' for ref in refs)
+        closed = [*refs, *refs[:1]] if tags.get("area") == "yes" else refs
+        through = "".join(f'<nd ref="{ref}"/>' for ref in closed)
         lines.append(f'<way id="{number}">{through}{said(tags)}</way>')
+    # Multipolygons of whatever ways come next, one of them perhaps around a hole or absent.
+    for number, (refs, tags) in enumerate(ways, 1):
+        if tags.get("area") == "no":
+            roles = enumerate(("outer", "", "inner")[len(refs) % 3 :], number + 1)
+            members = "".join(f'<member type="way" ref="{way}" role="{role}"/>' for way, role in roles)
+            square = said({**tags, "type": "multipolygon", "area": "yes"})
+            lines.append(f'<relation id="{number}">{members}{square}</relation>')
     return "\n".join([*lines, "</osm>"]).encode()
 
 

@@ -128,6 +128,10 @@ def import_osm(
     path, table = Path(path), width_table(widths)
     extract = read_extract(path, table)
     cross_areas(extract)
+    if not extract.ways.counts:
+        raise OsmError(
+            f"{path}: no streets for walkers, since nothing leads to its {extract.walkable:,} walkable areas"
+        )
     streets, nodes = split_ways(extract, table)
     if not len(streets):
         raise OsmError(f"{path}: no streets, since it lacks the nodes of its {extract.walkable:,} walkable ways")
