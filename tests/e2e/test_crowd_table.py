@@ -193,5 +193,5 @@ def test_venues_that_do_not_fit_their_table(folder: Path) -> None:
     with pytest.raises(ScenarioError) as caught:
         at_table(folder, law="power")
     assert caught.value.field == "law"
-    with pytest.raises(ValueError, match="a town of 48 segments, but this one has 3414"):
+    with pytest.raises(ValueError, match="a town of 48 segments, but this one has 5038"):
         draw_map(at_table(folder, streets="helsinki"), 0)

@@ -65,7 +65,7 @@ def test_the_planner_decides_what_costs_are(grid) -> None:
 
 
 def test_parallel_streets_are_different_streets(router) -> None:
-    # Long Street and Side Lane, the steps, or Back Road and Side Lane: 300, 300 and 400 m.
+    # Long Street and Side Lane, the path in the north, or Back Road and Side Lane: 300, 300 and 400 m.
     plan = router.plan(0, 4, depart=NOON, futures=3, alternatives=5)
     assert sorted(round(each.metres) for each in (plan, *plan.alternatives)) == [300, 300, 400]
     # Back Road alone is half as long again as Long Street.

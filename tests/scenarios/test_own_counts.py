@@ -10,8 +10,7 @@ from sidestep.crowds.counts import CountsError
 from sidestep.crowds.layouts import Layout
 from sidestep.network.formats import save_town
 from sidestep.network.osm import import_osm
-from sidestep.routing.locate import locator
-from sidestep.routing.request import RouteRequest
+from sidestep.routing.locate import Circumstances, locator
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.places import Counters
@@ -152,10 +151,11 @@ def test_a_scenario_of_own_counts_begins_with_its_weeks(streets: Path, counts: P
 
 def test_departures_with_an_offset_are_turned_into_the_venues_time() -> None:
     problem = scenario("helsinki", horizon=600.0, streets_per_sensor=1, uneven=0.0)
-    locate = locator(problem, draw_map(problem, 0))
+    here = locator(problem, draw_map(problem, 0))
 
     def departure(time: str) -> str | None:
-        return locate(RouteRequest(0, 1, datetime.fromisoformat(time))).facts.departure
+        given = Circumstances(depart=datetime.fromisoformat(time))
+        return here.locate([("origin", 0), ("destination", 1)], given).facts.departure
 
     assert departure("2025-05-24T12:30") == "2025-05-24T12:30:00"
     assert departure("2025-05-24T09:30Z") == "2025-05-24T12:30:00"

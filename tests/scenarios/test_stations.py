@@ -35,8 +35,8 @@ def test_more_sensors_than_room_stand_closer() -> None:
     too_many = tuple(Sensor(name=str(number)) for number in range(TOWN.streets + 1))
     with pytest.raises(ScenarioError, match=f"there are {TOWN.streets + 1} sensors, but {TOWN.streets} streets"):
         stations(SNAPPER, NETWORK, too_many, 0)
-    with pytest.raises(ScenarioError, match=f"there are 400 sensors on 2000 streets, but {TOWN.streets} streets"):
-        stations(SNAPPER, NETWORK, many * 5, 0)
+    with pytest.raises(ScenarioError, match=f"there are 400 sensors on 2800 streets, but {TOWN.streets} streets"):
+        stations(SNAPPER, NETWORK, many * 7, 0)
 
 
 def test_sensors_with_a_place_stand_there() -> None:

@@ -1,6 +1,7 @@
 """Waits of venues: the lights and crossings of their streets."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,14 +14,19 @@ from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.places import Light, Traffic
-from sidestep.walking.waits import NoWaits
 
 HELSINKI = scenario("helsinki", horizon=1200.0, departures=(0.0, 300.0))
 
 
 def test_lights_and_crossings_are_those_of_the_streets_both_ways() -> None:
-    assert isinstance(draw_map(HELSINKI, 1).waits, NoWaits)
     town = load_helsinki()
+    street, _ = town.street_of_segment()
+    # Without traffic nobody waits but for lifts.
+    lifts = np.array([kind == "elevator" for kind in town.kind])[street]
+    waited = draw_map(HELSINKI, 1).waits.seconds(
+        jnp.float32(8), jnp.float32(0), jnp.arange(len(street)), jnp.zeros(len(street))
+    )
+    np.testing.assert_array_equal(waited, np.where(lifts, 60.0, 0.0))
     lit = HELSINKI.changed(traffic=Traffic(vehicles=720.0))
     waits = draw_map(lit, 1).waits
     street, back = town.street_of_segment()
