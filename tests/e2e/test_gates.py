@@ -12,6 +12,7 @@ from sidestep.network.formats import load_town, save_town
 from sidestep.network.town import Town
 from sidestep.planners.base import Planner
 from sidestep.routing.router import Router
+from sidestep.scenarios.model import WORDS
 from sidestep.scenarios.reader import load_scenario
 
 OPEN = "06:00-22:00"
@@ -90,3 +91,25 @@ def test_a_street_that_is_never_open_is_no_way(venue, make_town) -> None:
     with pytest.raises(SidestepError) as caught:
         load_scenario(venue("off", town))
     assert caught.value.field == "place.destinations"
+
+
+def test_times_to_many_places_just_before_a_gate_shuts(venue, make_town) -> None:
+    # 200 m past a gate, or 256 m round it; whoever sets out at 21:57 comes to the gate at 21:58:15.
+    corners = [(0, 0), (100, 0), (200, 0), (150, 60)]
+    town = make_town(corners, [(0, 1), (1, 2), (1, 3), (3, 2)], opening=("", OPEN, "", ""))
+    scenario = load_scenario(venue("shutting", town))
+    for objective in ("time", "distance"):
+        router = Router(scenario.changed(objective=WORDS[objective]))
+        for depart, far in (("Sat 21:57", 200), ("Sat 23:30", 256.2)):
+            minutes = pytest.approx(far / 1.34 / 60, abs=0.01)
+            assert router.plan(0, 2, depart=depart).expected_minutes == minutes
+            assert router.matrix([0], [2], depart=depart).minutes == [[minutes]]
+
+
+def test_a_deadline_just_after_a_gate_opens(venue, make_town) -> None:
+    town = make_town([(0, 0), (100, 0), (200, 0)], [(0, 1), (1, 2)], opening=("", OPEN))
+    router = Router(load_scenario(venue("deadline", town)))
+    assert router.plan(0, 2, arrive_by="Sat 06:02").departs == "Saturday 05:59"
+    with pytest.raises(SidestepError) as caught:  # who waits an hour is there at 06:01:15
+        router.plan(0, 2, arrive_by="Sat 06:01")
+    assert caught.value.field == "arrive_by"

@@ -147,6 +147,12 @@ LEAST_STEPS = 1_000
 """Least length of a plan: it may pay to walk to and fro for a while."""
 
 
+def steps_in_slot(params: EnvParams, slot_seconds: float) -> int:
+    """In how many steps of a slot costs are tabulated."""
+    jumps = params.waits.jumps or params.objective.jumps
+    return math.ceil(slot_seconds / (FINE_STEP if jumps else STEP))
+
+
 def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) -> Int[Array, " step"]:
     """Find the walk of least cost by the environment's objective.
 
@@ -173,8 +179,7 @@ def least_cost_path(params: EnvParams, field: SpeedField, instance: Instance) ->
     I. Chabini, Discrete dynamic shortest path problems in transportation applications (1998).
     """
     network, wait, destination = params.network, params.wait_in(instance.future), instance.destination
-    jumps = params.waits.jumps or params.objective.jumps
-    every = math.ceil(field.slot_seconds / (FINE_STEP if jumps else STEP))
+    every = steps_in_slot(params, field.slot_seconds)
     table = field_cost_to_go(params, field, wait, jnp.arange(network.nodes) == destination, every=every)
     longest = max(4 * network.nodes, LEAST_STEPS)
 

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from sidestep.planners.base import Planner
 from sidestep.routing.facts import End, SceneFacts
@@ -55,7 +56,7 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
 
     def sure(minutes: float) -> bool:
         found = walks(minutes)
-        return bool((found.arrived & (found.minutes <= minutes)).mean() >= request.confidence)
+        return bool((_in_time(located, found) & (found.minutes <= minutes)).mean() >= request.confidence)
 
     before = 0
     while not sure(after := min(before + step, most)):
@@ -72,9 +73,14 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
     return replace(plan, deadline=located.facts.departs, confidence=request.confidence)
 
 
+def _in_time(located: Located, walks: Walks) -> Bool[np.ndarray, " future"]:
+    """Which walks arrive before the horizon: those that arrive later count as it, and might seem to be there by then."""
+    return walks.arrived & (walks.minutes * MINUTE < located.scenario.horizon)
+
+
 def _too_late(located: Located, request: RouteRequest, walks: Walks, earliest: float) -> str:
     """Say when a walk that sets out as early as it may arrives."""
-    minutes = np.where(walks.arrived, walks.minutes, math.inf)
+    minutes = np.where(_in_time(located, walks), walks.minutes, math.inf)
     surely = float(np.quantile(minutes, request.confidence, method="higher"))
     sets_out = located.departing(earliest).facts.departs
     said = f"no departure from {sets_out} on arrives by {located.facts.departs} with probability {request.confidence:g}"

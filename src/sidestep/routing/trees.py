@@ -15,7 +15,7 @@ from sidestep.environment.types import EnvParams
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.planners.base import Planner
 from sidestep.planners.shortest_path import ShortestPath
-from sidestep.planners.time_dependent import earliest_arrivals, leaving
+from sidestep.planners.time_dependent import earliest_arrivals, leaving, steps_in_slot
 from sidestep.routing.located import Located
 from sidestep.scenarios.futures import make_environment
 from sidestep.walking.objective import Crossing
@@ -41,7 +41,7 @@ def least_costs(
     network
         The streets.
     crossed, slot_seconds
-        Each segment, entered as each slot begins, arrays [slot, segment]; and the length of a slot in s.
+        Each segment, entered as each slot or step of it begins, arrays [slot, segment]; and its length in s.
     origin, departure
         Where the walk begins, and at which clock.
 
@@ -103,7 +103,9 @@ def _paths_from(
         )
     elif params.objective.needs_density:
         field = speeds.of(future)
-        label, _, via = least_costs(network, crossings(params, field, wait), field.slot_seconds, origin, departure)
+        every = steps_in_slot(params, field.slot_seconds)
+        crossed, seconds = crossings(params, field, wait, every=every), field.slot_seconds / every
+        label, _, via = least_costs(network, crossed, seconds, origin, departure)
     else:
         leave = leaving(network, speeds, future, params.rule, wait)
         arrival, via = earliest_arrivals(network, leave, origin, departure)
