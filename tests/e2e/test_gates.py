@@ -113,3 +113,12 @@ def test_a_deadline_just_after_a_gate_opens(venue, make_town) -> None:
     with pytest.raises(SidestepError) as caught:  # who waits an hour is there at 06:01:15
         router.plan(0, 2, arrive_by="Sat 06:01")
     assert caught.value.field == "arrive_by"
+
+
+def test_nobody_is_behind_a_gate_before_it_opens(venue, make_town) -> None:
+    town = make_town([(0, 0), (100, 0), (500, 0)], [(0, 1), (1, 2)], opening=("", OPEN))
+    router = Router(load_scenario(venue("early", town)))
+    # At the gate by 05:51:15; at 06:02:30 they are 201 m behind it.
+    shut, open_ = router.isochrone(0, minutes=[9, 12.5], depart="Sat 05:50").areas
+    assert shut.kilometres == pytest.approx(0.1, abs=0.02)
+    assert open_.kilometres == pytest.approx(0.301, abs=0.02)

@@ -74,7 +74,7 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
 
 
 def _in_time(located: Located, walks: Walks) -> Bool[np.ndarray, " future"]:
-    """Which walks arrive before the horizon: those that arrive later count as it, and might seem to be there by then."""
+    """Which walks arrive before the horizon: later ones count as the horizon, and might seem to be there by then."""
     return walks.arrived & (walks.minutes * MINUTE < located.scenario.horizon)
 
 

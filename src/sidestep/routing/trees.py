@@ -152,10 +152,11 @@ def _arrivals_along(
 
 
 @jax.jit
-def _lasting(params: EnvParams, clock: Float[Array, " segment"]) -> Float[Array, " segment"]:
-    """Seconds that segments take in the only future, entered at these finite clocks."""
-    every = jnp.arange(params.network.segments)
-    return jax.vmap(lambda segment, at: cross(params, jnp.int32(0), segment, at).seconds)(every, clock)
+def _lasting(params: EnvParams, clock: Float[Array, " segment"]) -> Float[Array, "2 segment"]:
+    """Seconds that segments take in the only future, come to at these finite clocks: the wait before them, and all."""
+    every, wait = jnp.arange(params.network.segments), params.wait_in(jnp.int32(0))
+    seconds = jax.vmap(lambda segment, at: cross(params, jnp.int32(0), segment, at).seconds)(every, clock)
+    return jnp.stack([jnp.broadcast_to(wait(every, clock), seconds.shape), seconds])
 
 
 def minutes_or_none(seconds: Float[np.ndarray, "*n"]) -> list[Any]:
@@ -208,8 +209,14 @@ class Paths:
             self, np.asarray(via), {share: np.where(s <= self._horizon, s, np.inf) for share, s in seconds.items()}
         )
 
-    def lasting(self, begins: Float[np.ndarray, " segment"]) -> Float[np.ndarray, " segment"]:
-        """Seconds that segments take if crowds are as expected, entered so many seconds after the departure."""
+    def lasting(self, begins: Float[np.ndarray, " segment"]) -> Float[np.ndarray, "2 segment"]:
+        """Seconds that segments take if crowds are as expected, come to so many seconds after the departure.
+
+        Returns
+        -------
+        Float[np.ndarray, "2 segment"]
+            The wait before each, and all of the time.
+        """
         clock = self._clock + np.where(np.isfinite(begins), begins, 0.0)
         return np.asarray(_lasting(self._alone, jnp.asarray(clock, jnp.float32)), np.float64)
 
@@ -240,16 +247,19 @@ class Reach:
         Returns
         -------
         begins, seconds : Float[np.ndarray, " segment"]
-            Seconds after the departure, infinite for segments that are not walked; and seconds on the segment.
+            Seconds after the departure, infinite for segments that are not walked; and seconds on the segment, which
+            is entered after the wait before it.
         """
         network, reached = self.paths.network, self.seconds[share]
         tail, head = np.asarray(network.tail), np.asarray(network.head)
         begins = np.full(network.segments, np.inf)
         walked = np.asarray(network.exit_segment)[np.asarray(network.valid)]
         begins[walked] = reached[tail[walked]]
-        lasts = self.paths.lasting(begins)
+        waits, lasts = self.paths.lasting(begins)
         # Along the paths, nodes and the streets between them must agree.
         on_path = (self.via[head] == np.arange(network.segments)) & np.isfinite(reached[head])
-        return begins, np.where(
+        seconds = np.where(
             on_path, np.where(on_path, reached[head], 0.0) - np.where(on_path, reached[tail], 0.0), lasts
         )
+        waits = np.minimum(waits, seconds)
+        return begins + waits, seconds - waits
