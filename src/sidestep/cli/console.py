@@ -1,5 +1,6 @@
 """Tables and progress bars on a terminal. The only module that imports rich."""
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -7,7 +8,7 @@ from itertools import count
 from time import perf_counter
 
 WIDTH = 180
-"""Width of tables where the output is no terminal."""
+"""Width of tables where the output is no terminal and COLUMNS does not say another."""
 
 
 @contextmanager
@@ -54,7 +55,7 @@ def progress(what: str, total: int, each: int, unit: str) -> Iterator[Callable[[
 
 
 def print_table(title: Iterable[str], columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table, in a fixed width where the output is no terminal.
+    """Print a table, in a fixed width where the output is no terminal and COLUMNS is not set.
 
     Parameters
     ----------
@@ -69,11 +70,32 @@ def print_table(title: Iterable[str], columns: Iterable[str], rows: Iterable[Ite
     from rich.console import Console
     from rich.table import Table
 
+    known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    console = Console(width=None if known else WIDTH, highlight=False)
+    columns, rows = list(columns), [list(row) for row in rows]
     head = "\n".join(filter(None, title))
-    table = Table(box=box.SIMPLE_HEAD, title=head, title_justify="left", title_style="")
-    for column in columns:
-        number = column.startswith(">")
-        table.add_column(column.removeprefix(">"), justify="right" if number else "left", no_wrap=number)
-    for row in rows:
-        table.add_row(*row)
-    Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False).print(table)
+    for block in _blocks(columns, rows, console.width):
+        table = Table(box=box.SIMPLE_HEAD, title=head, title_justify="left", title_style="")
+        for column in (columns[index] for index in block):
+            number = column.startswith(">")
+            table.add_column(column.removeprefix(">"), justify="right" if number else "left", no_wrap=number)
+        for row in rows:
+            table.add_row(*(row[index] for index in block))
+        console.print(table)
+        head = ""
+
+
+def _blocks(columns: list[str], rows: list[list[str]], width: int) -> list[list[int]]:
+    """Columns of one table or, where numbers do not fit, of several, each with all columns of text."""
+    gap = 3
+    headings = [column.removeprefix(">") for column in columns]
+    needs = [gap + max(map(len, cells)) for cells in zip(headings, *rows, strict=True)]
+    numbers = [index for index, column in enumerate(columns) if column.startswith(">")]
+    texts = [index for index in range(len(columns)) if index not in numbers]
+    left = width - gap - sum(min(needs[index], 20) for index in texts)  # longer texts are wrapped
+    blocks: list[list[int]] = [[]]
+    for index in numbers:
+        if blocks[-1] and sum(needs[each] for each in (*blocks[-1], index)) > left:
+            blocks.append([])
+        blocks[-1].append(index)
+    return [sorted((*texts, *block)) for block in blocks]
