@@ -306,11 +306,8 @@ def draw_departures(window: DepartureWindow) -> Figure:
         minutes = [getattr(departure, name) for departure in window.departures]
         axes.plot(after, minutes, color=colour, linestyle=style, linewidth=2, label=label)
     best = window.best
-    axes.plot(best.departure_minutes, best.p90_minutes, "o", color=INK, markersize=7, zorder=4)
-    late = best.departure_minutes > np.mean(after)
-    where = {"ha": "right" if late else "left"}
-    place = (best.departure_minutes, best.p90_minutes)
-    _note(axes, f"best: {best.departs}", place, (-8 if late else 8, 8), **where, **_HALO)
+    dot: dict[str, Any] = {"color": INK, "markersize": 7, "zorder": 4, "label": f"best: {best.departs}"}
+    axes.plot(best.departure_minutes, best.p90_minutes, "o", **dot)
     shown = window.departures[:: max(1, -(-len(after) // 8))]
     axes.set_xticks([each.departure_minutes for each in shown], [_clock_word(each.departs) for each in shown])
     axes.set(xlabel="departure", ylabel="minutes", ylim=(0, None))
@@ -431,7 +428,7 @@ def _note(axes: Axes, text: str, place: Iterable[Any], shift: tuple[float, float
 def _add_coloured(axes: Axes, streets: LineCollection, label: str, ticks: Sequence[float], pad: float = 0.05) -> None:
     """Add streets that are coloured by the crowds on them, and a bar with some of these ticks."""
     axes.add_collection(streets)
-    bar = axes.figure.colorbar(streets, ax=axes, shrink=0.7, label=label, pad=pad)
+    bar = axes.figure.colorbar(streets, ax=axes, shrink=0.7, label=label, pad=pad, panchor=False)
     fewest, most = streets.get_clim()
     shown = [tick for tick in ticks if fewest <= tick <= most]
     bar.set_ticks(shown, labels=[f"{tick:,g}" for tick in shown])
