@@ -13,7 +13,6 @@ from sidestep.routing.facts import RequestFacts, StreetMap, collection
 from sidestep.routing.formats import Waypoint, feature, gpx, table
 from sidestep.routing.request import NO_COORDINATES, RouteError
 from sidestep.scenarios.model import objective_in_words
-from sidestep.scenarios.walkers import walker_in_words
 
 T = TypeVar("T")
 _DIGITS = {"metres": 2, "minutes": 3, "density": 4}  # in GeoJSON
@@ -233,7 +232,6 @@ class RoutePlan(RequestFacts, WalkTimes):
         ends = [end for end in (self.origin, self.destination) if end.metres_away >= 1]
         lines = [
             f"{self.planner} ({self.level}), departing {self.departs}{low}, if crowds are as expected:",
-            *([] if self.walker is None else [f"Walker: {walker_in_words(self.walker)}"]),
             *(f"{end.asked} is {end.metres_away:,.0f} m from the street" for end in ends),
             "",
             *self._table(),
