@@ -246,7 +246,7 @@ def _width(option: str) -> tuple[str, float]:
 def show_understood(report: "CountReport") -> None:
     """Print what a file of counts holds, how it was read, and what was repaired."""
     hours = f"{report.hours:,} hours, {report.first} to {report.last}"
-    title = f"{report.source}: {hours}, {len(report.sensors)} sensors"
+    title = f"{report.source}: {hours}, {len(report.sensors)} sensor{'s' * (len(report.sensors) != 1)}"
     repairs = [(repair.kind, repair.sensor or "all", f"{repair.hours:,}", repair.detail) for repair in report.repairs]
     if report.understood:
         print(f"Read as: {'; '.join(report.understood)}")

@@ -47,7 +47,7 @@ class GridClock:
         """
         minutes = 0.0 if given is None else given
         if not isinstance(minutes, (int, float)) or not 0 <= 60 * minutes < self.horizon:
-            what = "departure" if field == "depart" else field.replace("_", " ")
+            what = {"depart": "departure", "at": "time"}.get(field, field.replace("_", " "))
             most = f"{self.horizon / 60:g}"
             raise RouteError(f"the {what} must be minutes between 0 and {most}, not {minutes}", field=field)
         return 60.0 * minutes
@@ -196,7 +196,7 @@ def time_given(given: Departure, first_day: int, field: str, timezone: str | Non
         with at_fault(field):
             there = local_time(given, timezone)
         return time_of_week(there), there
-    what = "departure" if field == "depart" else field.replace("_", " ")
+    what = {"depart": "departure", "at": "time"}.get(field, field.replace("_", " "))
     said = f"the {what} must be a local time, such as 2025-05-24T12:30 or Sat 12:30"
     raise RouteError(f"{said}, not {given}", field=field)
 

@@ -223,7 +223,7 @@ def read_departure(given: str | Departure | None, field: str = "depart") -> Depa
         if found := _TIME.fullmatch(text):
             day = None if found[1] is None else _day(found[1])
             return TimeOfWeek(time.fromisoformat(found[2].zfill(2) + found[3]), day)
-    what = "departure" if field == "depart" else field.replace("_", " ")
+    what = {"depart": "departure", "at": "time"}.get(field, field.replace("_", " "))
     said = f"the {what} must be a local time such as 2025-05-24T12:30, Fri 17:30 or 17:30, or minutes on a grid"
     raise RouteError(f"{said}, not {given!r:.60}", field=field)
 
