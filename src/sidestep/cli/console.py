@@ -72,14 +72,14 @@ def print_table(title: Iterable[str], columns: Iterable[str], rows: Iterable[Ite
 
     known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
     console = Console(width=None if known else WIDTH, highlight=False)
-    columns, rows = list(columns), [list(row) for row in rows]
+    headings, cells = list(columns), [list(row) for row in rows]
     head = "\n".join(filter(None, title))
-    for block in _blocks(columns, rows, console.width):
+    for block in _blocks(headings, cells, console.width):
         table = Table(box=box.SIMPLE_HEAD, title=head, title_justify="left", title_style="")
-        for column in (columns[index] for index in block):
+        for column in (headings[index] for index in block):
             number = column.startswith(">")
             table.add_column(column.removeprefix(">"), justify="right" if number else "left", no_wrap=number)
-        for row in rows:
+        for row in cells:
             table.add_row(*(row[index] for index in block))
         console.print(table)
         head = ""
