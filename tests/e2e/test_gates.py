@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sidestep.crowds.crowd_table import save_crowd_table
@@ -122,3 +123,19 @@ def test_nobody_is_behind_a_gate_before_it_opens(venue, make_town) -> None:
     shut, open_ = router.isochrone(0, minutes=[9, 12.5], depart="Sat 05:50").areas
     assert shut.kilometres == pytest.approx(0.1, abs=0.02)
     assert open_.kilometres == pytest.approx(0.301, abs=0.02)
+
+
+def test_walks_through_the_area_that_they_end_in(venue, make_town) -> None:
+    # Restricted from 0 to 3, with an open street at 2, to which everybody else walks round by 4 and 5.
+    corners = [(0, 0), (100, 0), (200, 0), (300, 0), (0, -300), (200, -300)]
+    ends = [(0, 1), (1, 2), (2, 3), (0, 4), (4, 5), (5, 2)]
+    town = make_town(corners, ends, restricted=np.arange(6) < 3)
+    scenario = load_scenario(venue("crossed", town))
+    for objective in ("time", "distance"):
+        router = Router(scenario.changed(objective=WORDS[objective]))
+        minutes = [router.plan(0, end, depart=NOON).expected_minutes for end in (1, 2, 3, 5)]
+        assert minutes == pytest.approx([metres / 1.34 / 60 for metres in (100, 800, 300, 500)], abs=0.01)
+        assert router.matrix([0], [1, 2, 3, 5], depart=NOON).minutes == [pytest.approx(minutes, abs=0.01)]
+        arrivals = router.isochrone(0, minutes=[4], depart=NOON)
+        assert [arrivals.arrivals["expected"][end] for end in (1, 2, 3, 5)] == pytest.approx(minutes, abs=0.01)
+        assert arrivals.areas[0].kilometres == pytest.approx(0.3 + 0.3216, abs=0.04)

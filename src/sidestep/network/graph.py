@@ -166,6 +166,39 @@ class RoadNetwork(eqx.Module):
         leaves = (area >= 0) & (self.area[self.head[segment]] == ABSENT)
         return exists & (area != SHUT) & (~leaves | ((enters == ABSENT) & (area == self.area[origin])))
 
+    def owners(self) -> Int[np.ndarray, " segment"]:
+        """Number of the restricted area that each segment belongs to; negative for those of none.
+
+        Returns
+        -------
+        Int[np.ndarray, " segment"]
+            As in ``area`` and ``enters``.
+        """
+        if self.area is None or self.enters is None:
+            return np.full(self.segments, ABSENT)
+        enters = np.asarray(self.enters)
+        return np.where(enters == ABSENT, np.asarray(self.area)[np.asarray(self.tail)], enters)
+
+    def opened(self, area: int) -> "RoadNetwork":
+        """The same network in which everybody may walk one of the restricted areas.
+
+        Parameters
+        ----------
+        area
+            Its number.
+
+        Returns
+        -------
+        RoadNetwork
+            Nodes, segments and exits have the same numbers.
+        """
+        if self.area is None or self.enters is None:
+            return self
+        rows = (
+            np.where(np.asarray(row) == area, np.int32(ABSENT), np.asarray(row)) for row in (self.area, self.enters)
+        )
+        return replace(self, area=jax.device_put(next(rows)), enters=jax.device_put(next(rows)))
+
     def without(self, closed: Bool[np.ndarray, " segment"]) -> "RoadNetwork":
         """The same network in which nobody walks some of the segments: no exit leads onto them.
 

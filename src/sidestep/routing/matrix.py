@@ -115,7 +115,7 @@ def time_matrix(located: Located, planner: Planner, origins: int, *, square: boo
     paths, ends = Paths(located, planner, futures), [end.node for end in tos]
     rows: dict[float | None, list[np.ndarray]] = {share: [] for share in paths.shares}
     for origin in froms:
-        reach = paths.reach(origin.node)
+        reach = paths.reach(origin.node, ends)
         for share in paths.shares:
             rows[share].append(reach.seconds[share][ends])
     found = {name: minutes_or_none(np.stack(rows[share])) for share, name in NAMES.items() if share in rows}

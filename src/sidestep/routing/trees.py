@@ -1,6 +1,7 @@
 """The paths from one place to everywhere: which they are, and how long they take in many futures."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +21,7 @@ from sidestep.routing.located import Located
 from sidestep.scenarios.futures import make_environment
 from sidestep.walking.objective import Crossing
 
-MINUTE = 60.0
+MINUTE, MILLISECOND = 60.0, 1e-3
 NAMES: dict[float | None, str] = {None: "expected", 0.5: "p50", 0.9: "p90"}
 """What times are called within which walks arrive in a share of the futures, and if crowds are as expected."""
 
@@ -194,10 +195,41 @@ class Paths:
         self.shares: tuple[float | None, ...] = (None,) if futures is None else tuple(NAMES)
         """Shares of the futures that are asked about; None stands for the expected crowds."""
 
-    def reach(self, node: int) -> "Reach":
-        """Walk from a node to all others."""
+    def reach(self, node: int, ends: Sequence[int] | None = None) -> "Reach":
+        """Walk from a node to all others.
+
+        A search for all nodes at once goes no further where it leaves a restricted area, but walks that end in the area
+        may come back to it. So areas that offer a short cut are searched again, each as if everybody might walk there.
+
+        Parameters
+        ----------
+        node
+            Where walks begin.
+        ends
+            The nodes that matter; by default all.
+
+        Returns
+        -------
+        Reach
+            The walks.
+        """
+        reach = self._searched(node, self._alone)
+        area_of = np.full(self.network.nodes, ABSENT) if self.network.area is None else np.asarray(self.network.area)
+        areas = np.unique(area_of if ends is None else area_of[np.asarray(ends)])
+        prune = not (self._by_length or self._alone.objective.needs_density)
+        for area in reach.short_cuts(areas[areas >= 0], prune=prune):
+            network = self.network.opened(area)
+            again = self._searched(node, replace(self._alone, network=network))
+            seconds = {
+                share: np.where(area_of == area, again.seconds[share], found) for share, found in reach.seconds.items()
+            }
+            reach = replace(reach, seconds=seconds, again=(*reach.again, (area, again)))
+        return reach
+
+    def _searched(self, node: int, alone: EnvParams) -> "Reach":
+        """The walks by one search, through the expected crowds of ``alone``."""
         origin, departure = jnp.int32(node), jnp.float32(self._clock)
-        via, order, expected = _paths_from(self._alone, origin, departure, by_length=self._by_length)
+        via, order, expected = _paths_from(alone, origin, departure, by_length=self._by_length)
         seconds: dict[float | None, Float[np.ndarray, " node"]] = {None: np.asarray(expected, np.float64) - self._clock}
         if len(self.shares) > 1:
             walked = np.asarray(_arrivals_along(self._params, via, order, origin, departure), np.float64) - self._clock
@@ -235,6 +267,33 @@ class Reach:
     """The last segment of the path to each node; -1 where there is none."""
     seconds: dict[float | None, Float[np.ndarray, " node"]]
     """Within which each node is reached, by the share of the futures in which it is; infinite where it is not."""
+    again: tuple[tuple[int, "Reach"], ...] = ()
+    """Restricted areas whose nodes are reached by walks through the same area, each with these walks."""
+
+    def short_cuts(self, areas: Int[np.ndarray, " area"], *, prune: bool) -> list[int]:
+        """Restricted areas through which one may get somewhere earlier than round them.
+
+        Parameters
+        ----------
+        areas
+            Those that matter.
+        prune
+            Whether paths are those of the earliest arrivals, which tell.
+
+        Returns
+        -------
+        list of int
+            Their numbers.
+        """
+        network = self.paths.network
+        if network.area is None or not len(areas):
+            return []
+        area, owner, head = np.asarray(network.area), network.owners(), np.asarray(network.head)
+        begins, lasts = self.on_segments(None)
+        leaves = (owner >= 0) & (area[head] < 0) & np.isfinite(begins)
+        if prune:
+            leaves &= begins + lasts < self.seconds[None][head] - MILLISECOND
+        return np.intersect1d(owner[leaves], areas).tolist()
 
     def on_segments(self, share: float | None) -> tuple[Float[np.ndarray, " segment"], Float[np.ndarray, " segment"]]:
         """When segments are entered, and how long they take.
@@ -262,4 +321,8 @@ class Reach:
             on_path, np.where(on_path, reached[head], 0.0) - np.where(on_path, reached[tail], 0.0), lasts
         )
         waits = np.minimum(waits, seconds)
-        return begins + waits, seconds - waits
+        begins, seconds = begins + waits, seconds - waits
+        for area, again in self.again:
+            mine, there = network.owners() == area, again.on_segments(share)
+            begins, seconds = np.where(mine, there[0], begins), np.where(mine, there[1], seconds)
+        return begins, seconds
