@@ -135,7 +135,7 @@ def test_compare_prints_the_agreed_shape(sidestep, agreed_row):
     assert found["planners"]["clairvoyant"]["gap"] == 0
 
 
-def test_compare_takes_several_walkers(sidestep):
+def test_compare_takes_several_walkers(sidestep, monkeypatch):
     args = (*COMPARE, "--maps", 1, "--planners", "expected", "--law", "weidmann", "--walker")
     done = sidestep(*args, "adult,older,free_speed=0.67,robot", "--json")
     assert done.returncode == 0, done.stderr
@@ -146,6 +146,7 @@ def test_compare_takes_several_walkers(sidestep):
     assert minutes[0] < minutes[1]
     alone = json.loads(sidestep(*args, "adult", "--json").stdout)
     assert alone == adult
+    monkeypatch.setenv("COLUMNS", "200")
     table = sidestep(*args, "adult,older,free_speed=0.67,robot").stdout
     assert "walker: older (0.67 m/s)" in table
     for walker in ("adult", "older", "robot"):

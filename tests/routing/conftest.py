@@ -24,7 +24,7 @@ STREETS = [  # tail, head, one-way, kind, name, points between
     (0, 1, False, "footway", "Long Street", []),
     (1, 2, False, "footway", "Long Street", []),
     (1, 4, True, "residential", "Side Lane", []),
-    (3, 4, False, "path", "", []),
+    (3, 4, False, "steps", "", []),
     (0, 3, False, "footway", "", []),
     (2, 5, False, "pedestrian", "Quay", []),
     (0, 1, False, "path", "Back Road", [(0, -50), (200, -50)]),

@@ -13,6 +13,7 @@ from sidestep.routing.request import RouteError
 from sidestep.routing.router import Router
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.model import WORDS
+from sidestep.scenarios.walkers import Custom
 
 NOON = "2025-05-24T12:30"  # a Saturday
 GRID = scenario("rush-16", side=5, crowded_nodes=3, horizon=2 * 3600.0)
@@ -64,8 +65,9 @@ def test_the_planner_decides_what_costs_are(grid) -> None:
     assert plan.alternatives
 
 
-def test_parallel_streets_are_different_streets(router) -> None:
-    # Long Street and Side Lane, the path in the north, or Back Road and Side Lane: 300, 300 and 400 m.
+def test_parallel_streets_are_different_streets(tiny) -> None:
+    # Long Street and Side Lane, the stairs, or Back Road and Side Lane: 300, 300 and 400 m.
+    router = Router(tiny.changed(walker=Custom(free_speed=1.34, stairs_up=1.34, stairs_down=1.34)))
     plan = router.plan(0, 4, depart=NOON, futures=3, alternatives=5)
     assert sorted(round(each.metres) for each in (plan, *plan.alternatives)) == [300, 300, 400]
     # Back Road alone is half as long again as Long Street.

@@ -172,8 +172,8 @@ def _crossing(
     turn = cross(a, b)
     with np.errstate(divide="ignore", invalid="ignore"):
         along, across = cross(between, b) / turn, cross(between, a) / turn
-    # As far from both ends as nodes that would lie on the other line.
-    margin = [SAME_POINT / np.maximum(np.abs(turn) / np.hypot(*np.moveaxis(span, -1, 0)), 1e-12) for span in (b, a)]
+        # As far from both ends as nodes that would lie on the other line.
+        margin = [SAME_POINT / np.maximum(np.abs(turn) / np.hypot(*np.moveaxis(span, -1, 0)), 1e-12) for span in (b, a)]
     fits = (along > margin[0]) & (along < 1 - margin[0]) & (across > margin[1]) & (across < 1 - margin[1])
     fits &= ~(one[:, None, :, None] == other[None, :, None, :]).any(axis=(2, 3))
     found = np.argwhere(fits)

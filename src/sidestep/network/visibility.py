@@ -159,7 +159,8 @@ def _parts(area: shapely.Geometry) -> list[shapely.Polygon]:
 def _corners(polygon: shapely.Polygon) -> _Corners:
     """Find the corners of a polygon at which it takes up half of the directions or more."""
     rings = _with_touching_points([shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)])
-    xy = np.concatenate(rings)
+    # Two corners may be in the same place; a side without length leads nowhere.
+    xy = np.concatenate(rings := [ring[(ring != np.roll(ring, 1, axis=0)).any(axis=1)] for ring in rings])
     end = np.concatenate([np.roll(ring, 1, axis=0) for ring in rings]) - xy
     begin = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - xy
     _, place, times = np.unique(xy, axis=0, return_inverse=True, return_counts=True)
