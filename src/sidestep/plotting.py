@@ -27,7 +27,7 @@ from sidestep.routing.facts import SceneFacts, StreetMap
 from sidestep.routing.isochrone import Isochrone
 from sidestep.routing.matrix import TimeMatrix
 from sidestep.routing.plan import RoutePlan
-from sidestep.routing.request import NO_COORDINATES, RouteError
+from sidestep.routing.request import on_map
 
 INK = "#1f2933"
 LOOKS = {
@@ -186,14 +186,13 @@ def draw_route(plan: RoutePlan) -> Figure:
     RouteError
         On grids, which have no coordinates (field ``format``).
     """
-    if plan.streets is None:
-        raise RouteError(NO_COORDINATES, field="format")
-    town = plan.streets.town
+    streets = on_map(plan.streets)
+    town = streets.town
     course = town.project(np.array(plan.course))
     others = [town.project(np.array(other.course)) for other in plan.alternatives]
     frame = _frame(np.concatenate([course, *others]), town.project(town.points))
     figure, axes = _map_of(frame)
-    _add_crowds(axes, plan.streets, frame, "persons/m² expected at the departure")
+    _add_crowds(axes, streets, frame, "persons/m² expected at the departure")
     for number, other in reversed(list(enumerate(others, start=1))):
         colour, label = _OTHERS[(number - 1) % len(_OTHERS)], _other_in_words(number, plan.alternatives[number - 1])
         _draw_course(axes, other, colour, 2.6, label=label, zorder=2.5)
@@ -228,12 +227,11 @@ def draw_crowds(crowds: StreetCrowds) -> Figure:
     RouteError
         On grids, which have no coordinates (field ``format``).
     """
-    if crowds.map is None:
-        raise RouteError(NO_COORDINATES, field="format")
-    town = crowds.map.town
+    streets = on_map(crowds.map)
+    town = streets.town
     frame = _whole(town)
     figure, axes = _map_of(frame)
-    _add_crowds(axes, crowds.map, frame, "expected persons/m²")
+    _add_crowds(axes, streets, frame, "expected persons/m²")
     return _titled(figure, f"{crowds.scenario}, {crowds.departs}: crowds as expected", crowds)
 
 
@@ -258,9 +256,7 @@ def draw_isochrone(reach: Isochrone) -> Figure:
     RouteError
         On grids, which have no coordinates (field ``format``).
     """
-    if reach.town is None:
-        raise RouteError(NO_COORDINATES, field="format")
-    town, origin = reach.town, np.array([[reach.origin.longitude, reach.origin.latitude]], float)
+    town, origin = on_map(reach.town), np.array([[reach.origin.longitude, reach.origin.latitude]], float)
     rings = [town.project(np.array(rings[0])) for area in reach.areas for rings in area.polygons or []]
     frame = _frame(np.concatenate([town.project(origin), *rings]), town.project(town.points), room=1.1)
     figure, axes = _map_of(frame)

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
 from sidestep.crowds import arima
+from sidestep.crowds.wall_time import DAYS
 
 Series = Float[Array, " hour"]
 
 HOURS_OF_WEEK = 168
 _ALIKE = 1e-9  # deviation of logarithms that is rounding: weeks such as those of a square wave are all alike
-DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 
 
 class HourOfWeekProfile(eqx.Module):

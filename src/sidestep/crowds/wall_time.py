@@ -14,6 +14,7 @@ from jaxtyping import Int, Shaped
 
 from sidestep.errors import SidestepError
 
+DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 Hours = Shaped[np.ndarray, " hour"]
 """``datetime64[h]``."""
 

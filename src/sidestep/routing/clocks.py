@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from sidestep.crowds.base import FlowModel
-from sidestep.crowds.profile import DAYS, HOURS_OF_WEEK, day_and_time, time_of_week
-from sidestep.crowds.wall_time import local_time
+from sidestep.crowds.profile import HOURS_OF_WEEK, day_and_time, time_of_week
+from sidestep.crowds.wall_time import DAYS, local_time
 from sidestep.routing.request import Departure, RouteError, TimeOfWeek, at_fault
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Venue
-
-HOUR, DAY_HOURS = 3600.0, 24
+from sidestep.walking.waits import DAY_HOURS, HOUR
 
 
 @dataclass(frozen=True)

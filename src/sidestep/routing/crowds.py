@@ -16,7 +16,7 @@ from sidestep.routing.directions import CROWDING, crowding_word
 from sidestep.routing.facts import SceneFacts, StreetMap, collection
 from sidestep.routing.formats import feature, table
 from sidestep.routing.located import Located
-from sidestep.routing.request import NO_COORDINATES, RouteError
+from sidestep.routing.request import on_map
 
 LISTED = 20
 """Streets in the text."""
@@ -83,10 +83,8 @@ class StreetCrowds(SceneFacts):
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        if self.map is None:
-            raise RouteError(NO_COORDINATES, field="format")
         said = {"scenario": self.scenario, "at": self.departs}
-        town = self.map.town
+        town = on_map(self.map).town
         lines = [
             feature("LineString", np.round(town.course(number), 7).tolist(), part="street", **vars(street), **said)
             for number, street in enumerate(self.streets)

@@ -14,9 +14,9 @@ from sidestep.routing.formats import table
 from sidestep.routing.located import Located
 from sidestep.routing.plan import RoutePlan, WalkTimes
 from sidestep.routing.request import RouteError, RouteRequest
+from sidestep.routing.trees import MINUTE
 from sidestep.routing.walks import Walker, Walks, planned
 
-MINUTE = 60.0
 MOST_DEPARTURES = 300
 """The most departures of a window that are walked."""
 

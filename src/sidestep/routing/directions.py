@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from sidestep.crowds.profile import day_and_time
 from sidestep.network.geodesy import Projection
-from sidestep.scenarios.values import DAYS
 
 SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""
@@ -145,9 +145,8 @@ def opening_word(hour: float, clock: float, shut: float) -> str | None:
     """
     if shut <= 0:
         return None
-    minute = round(60 * hour + (clock + shut) / 60)
-    time = f"{minute // 60 % 24:02}:{minute % 60:02}"
-    return time if shut < 24 * 3600 else f"{DAYS[minute // (24 * 60) % 7]} {time}"
+    opens = day_and_time(hour + (clock + shut) / 3600)
+    return opens.split()[-1] if shut < 24 * 3600 else opens
 
 
 def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:

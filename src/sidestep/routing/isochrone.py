@@ -11,7 +11,7 @@ from sidestep.planners.base import Planner
 from sidestep.routing.facts import End, SceneFacts, collection
 from sidestep.routing.formats import feature, table
 from sidestep.routing.located import Located
-from sidestep.routing.request import NO_COORDINATES, RouteError, check_minutes
+from sidestep.routing.request import RouteError, check_minutes, on_map
 from sidestep.routing.trees import MINUTE, NAMES, Paths, minutes_or_none
 
 
@@ -88,8 +88,7 @@ class Isochrone(SceneFacts):
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        if self.town is None:
-            raise RouteError(NO_COORDINATES, field="format")
+        on_map(self.town)
         said = {"scenario": self.scenario, "departs": self.departs, "planner": self.planner, "futures": self.futures}
         areas = []
         for area in reversed(self.areas):

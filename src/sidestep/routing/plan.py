@@ -11,7 +11,7 @@ from sidestep.network.geodesy import metres_between
 from sidestep.routing.directions import Leg, Step
 from sidestep.routing.facts import RequestFacts, StreetMap, collection
 from sidestep.routing.formats import Waypoint, feature, gpx, table
-from sidestep.routing.request import NO_COORDINATES, RouteError
+from sidestep.routing.request import on_map
 from sidestep.scenarios.model import objective_in_words
 
 T = TypeVar("T")
@@ -144,9 +144,7 @@ class RoutePlan(RequestFacts, WalkTimes):
             On grids, which have no coordinates (field ``format``).
         """
         points = _joined([leg.coordinates or [] for leg in self.legs])
-        if not points:
-            raise RouteError(NO_COORDINATES, field="format")
-        return points
+        return on_map(points or None)
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the map, ready for ``json.dumps``; alternatives do not repeat what was asked."""

@@ -7,12 +7,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, time
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sidestep.crowds.counts import CountTable
-from sidestep.crowds.profile import DAYS
+from sidestep.crowds.wall_time import DAYS
 from sidestep.errors import SidestepError
 from sidestep.planners.base import Planner
+
+T = TypeVar("T")
 
 Place = int | tuple[float, float]
 """A node, by its number; or, in towns, latitude and longitude in degrees."""
@@ -32,6 +34,13 @@ _TIME = re.compile(r"(?:([a-z]{3,9})\.?\s+)?(\d{1,2})(:\d{2}(?::\d{2})?)", re.AS
 
 class RouteError(SidestepError):
     """A request that no plan can answer; ``field`` names the field at fault."""
+
+
+def on_map(known: T | None) -> T:
+    """Give what is drawn on a map; RouteError (field ``format``) on grids, which have no coordinates."""
+    if known is None:
+        raise RouteError(NO_COORDINATES, field="format")
+    return known
 
 
 @contextmanager

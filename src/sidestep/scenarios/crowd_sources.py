@@ -26,6 +26,7 @@ from sidestep.crowds.profile import time_of_week
 from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_sensors, recorded_weeks
 from sidestep.crowds.sensors import SensorFlow
 from sidestep.crowds.table_flow import TableFlow
+from sidestep.crowds.wall_time import DAYS
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import Snapper
@@ -34,7 +35,6 @@ from sidestep.scenarios.builtin import AUCKLAND_SENSORS
 from sidestep.scenarios.places import Counters, CrowdTable, Sensor, Venue
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import nearest, stations
-from sidestep.scenarios.values import DAYS
 from sidestep.walking.speed_laws import DENSEST, FREE_SPEED, LAWS, Law, density_at_speed
 
 HOUR = 3600.0

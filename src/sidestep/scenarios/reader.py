@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, field_validator
 
 from sidestep.crowds.counts import TEST, TRAIN
+from sidestep.crowds.wall_time import DAYS
 from sidestep.files import reason
 from sidestep.scenarios import values
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, HELSINKI_TIMEZONE, scenario
@@ -56,10 +57,10 @@ def _both_seconds(minutes: tuple[float, float]) -> tuple[float, float]:
 
 
 def _weekday(value: object) -> int:
-    for number, day in enumerate(values.DAYS):
+    for number, day in enumerate(DAYS):
         if isinstance(value, str) and value.strip().lower() in (day.lower(), day[:3].lower()):
             return number
-    short = ", ".join(day[:3] for day in values.DAYS)
+    short = ", ".join(day[:3] for day in DAYS)
     raise ValueError(f"must be weekdays, {short}, or a span such as Mon-Fri, not {shown(value)}")
 
 

@@ -9,8 +9,6 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator
 from sidestep.crowds.wall_time import TimezoneError, timezone_of
 from sidestep.scenarios.spec import shown
 
-DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
-
 
 def rule(holds: Callable[[Any], bool], must: str) -> AfterValidator:
     """A rule of a field's values.
