@@ -37,6 +37,7 @@ local by_duration = profile.setup
 profile.setup = function()
   local settings = by_duration()
   settings.properties.weight_name = 'distance'
+  settings.properties.area_simplify_threshold = 0
   return settings
 end
 return profile
@@ -72,6 +73,17 @@ class Osrm:
         coordinates = [tuple(place) for place in places.tolist()]
         found = self.engine.Table(osrm.TableParameters(coordinates=coordinates, annotations=["distance"]))
         return np.array([[np.nan if d is None else d for d in row] for row in found["distances"]], float)
+
+    def line(self, start: Float[np.ndarray, "2"], stop: Float[np.ndarray, "2"]) -> Float[np.ndarray, "point 2"]:
+        """Find the line of the shortest walk, as longitudes and latitudes; without points where there is none."""
+        asked = osrm.RouteParameters(
+            coordinates=[tuple(start.tolist()), tuple(stop.tolist())], geometries="geojson", overview="full"
+        )
+        try:
+            points = self.engine.Route(asked)["routes"][0]["geometry"]["coordinates"]
+        except RuntimeError:  # no route
+            points = ()
+        return np.array([[float(degrees) for degrees in point] for point in points]).reshape(-1, 2)
 
 
 class Valhalla:
