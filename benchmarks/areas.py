@@ -123,8 +123,8 @@ def main() -> None:
     for row in np.argsort(-ratio)[: options.worst].tolist():
         number, start, stop = found[row]
         print(
-            f"{ratio[row]:.3f}  {length[row]:.1f} m, OSRM {other[row]:.1f} m, of which {astray[row, 1]:.1f} m where nothing "
-            f"is walked, from node {start} to {stop} of area {number}"
+            f"{ratio[row]:.3f}  {length[row]:.1f} m, OSRM {other[row]:.1f} m, {astray[row, 1]:.1f} m of it astray, "
+            f"from node {start} to {stop} of area {number}"
         )
 
 

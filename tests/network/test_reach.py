@@ -353,6 +353,15 @@ def test_a_lift_between_ways_without_levels_joins_each_two(build) -> None:
     assert town.opening[town.kind.index("elevator")] == "06:00-22:00"
 
 
+def test_ways_without_a_level_meet_those_of_level_0_at_a_lift(build) -> None:
+    nodes = {1: (0, 0), 2: (100, 0, said("highway=elevator")), 3: (200, 0), 4: (100, 100), 5: (0, -100)}
+    street, hall, below = ({"highway": "corridor", **level} for level in ({}, {"level": "0"}, {"level": "-1"}))
+    ways = {1: ((5, 1, 2), street), 2: ((2, 3), hall), 3: ((2, 4), below), 4: ((1, 4), below)}
+    town, _ = build(nodes, ways)
+    assert town.kind.count("elevator") == 1
+    assert metres(town, one=1, other=3) == 200  # without a ride
+
+
 def test_what_ferries_would_reach_is_counted(build) -> None:
     foot = {"highway": "footway"}
     nodes = {1: (0, 0), 2: (100, 0), 3: (50, 90), 4: (900, 0), 5: (990, 0), 6: (0, 900), 7: (90, 900), 8: (500, 0)}
@@ -365,6 +374,29 @@ def test_what_ferries_would_reach_is_counted(build) -> None:
     assert report.dropped["street: reached only by ferry"] == 1
     assert report.dropped["street: outside the largest connected part"] == 1
     assert report.parts_left_out == 2
+
+
+@pytest.mark.parametrize(
+    ("own", "of", "ferries", "reached"),
+    [
+        ({}, {"route": "ferry"}, 1, 1),
+        ({"seamark:type": "ferry_route"}, {"route": "ferry", "foot": "yes"}, 1, 1),
+        ({}, {"route": "ferry", "foot": "no"}, 1, 0),
+        ({"route": "ferry"}, {"route": "ferry"}, 1, 1),  # mapped twice
+        ({}, {"route": "bus"}, 0, 0),
+    ],
+)
+def test_ferries_mapped_as_relations_are_counted_too(
+    build, own: dict[str, str], of: dict[str, str], ferries: int, reached: int
+) -> None:
+    foot = {"highway": "footway"}
+    nodes = {1: (0, 0), 2: (100, 0), 3: (50, 90), 4: (900, 0), 5: (990, 0), 8: (500, 0)}
+    ways = {1: ((1, 2, 3, 1), foot), 2: ((2, 8, 4), own), 3: ((4, 5), foot)}
+    _, report = build(nodes, ways, [([(2, ""), (99, "")], {"type": "route", **of})])
+    assert report.ways == 2 + ferries
+    assert report.dropped.get("way: ferry", 0) == ferries
+    assert report.dropped.get("street: reached only by ferry", 0) == reached
+    assert report.dropped.get("street: outside the largest connected part", 0) == 1 - reached
 
 
 # Files.

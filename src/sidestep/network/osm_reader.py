@@ -71,7 +71,7 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
 
 @dataclass(eq=False)
 class _Relations:
-    """Multipolygons that might be walked."""
+    """Multipolygons that might be walked, and ferries."""
 
     tagged: dict[int, dict[str, str]] = field(default_factory=dict)
     """Their tags by number, with their kind as ``highway``."""
@@ -81,10 +81,12 @@ class _Relations:
     """Nodes of these ways, as far as the file has them."""
     outer: set[int] = field(default_factory=set)
     """Numbers of ways around those that are walked, which are no areas of their own then."""
+    ferries: dict[int, dict[str, str]] = field(default_factory=dict)
+    """Tags of ferries by the numbers of the ways along which they go."""
 
 
 def _read_relations(file: Any) -> _Relations:
-    """Read multipolygons that might be walked; of several versions the latest counts."""
+    """Read multipolygons that might be walked, and ferries; of several versions the latest counts."""
     found = _Relations()
     versions: dict[int, int] = {}
     for relation in osmium.FileProcessor(file, osmium.osm.RELATION):
@@ -95,16 +97,21 @@ def _read_relations(file: Any) -> _Relations:
             continue
         versions[number] = relation.version
         found.tagged.pop(number, None)
-        if relation.deleted or relation.tags.get("type") != "multipolygon":
-            continue
         tagged = dict(relation.tags)
         kind = tags.way_kind(tagged)
-        if kind is not None and tagged.get("area") != "no":
+        ferry = kind == tags.FERRY
+        if relation.deleted or kind is None or tagged.get("type") != ("route" if ferry else "multipolygon"):
+            continue
+        if ferry or tagged.get("area") != "no":
             found.tagged[number] = {**tagged, "highway": kind}
             members = [(member.ref, member.role == "inner") for member in relation.members if member.type == "w"]
             found.members[number] = members
-    for number, tagged in found.tagged.items():
+    for number, tagged in [*found.tagged.items()]:
         members = found.members[number]
+        if tagged["highway"] == tags.FERRY:
+            found.ferries.update((way, tagged) for way, _ in members)
+            del found.tagged[number]
+            continue
         found.pieces.update((way, []) for way, _ in members)
         if tags.exclusion_reason(tagged) is None:
             found.outer.update(way for way, inner in members if not inner)
@@ -128,10 +135,12 @@ def _read_ways(
         if number in relations.pieces and (latest is None or version == latest[number]):
             relations.pieces[number] = [] if way.deleted else [node.ref for node in way.nodes]
             _locate(extract, way)
-        if way.deleted or not len(way.tags):
+        if way.deleted or not (len(way.tags) or number in relations.ferries):
             continue
         tagged = dict(way.tags)
         kind = tags.way_kind(tagged)
+        if kind is None and number in relations.ferries:
+            tagged, kind = relations.ferries[number], tags.FERRY
         if kind is None:
             continue
         extract.read += 1
@@ -159,7 +168,7 @@ def _add_way(
     if excluded is not None:
         extract.dropped[excluded] += 1
         ferry = tagged["highway"] == tags.FERRY
-        if ferry and walked and len(refs) > 1:
+        if ferry and any(right.opening != NEVER for _, right in walked) and len(refs) > 1:
             extract.ferries.add(refs)
         elif name and not ferry and tagged["highway"] in tags.WIDTHS:
             extract.roads.add(refs, extract.names[name])

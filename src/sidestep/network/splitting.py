@@ -40,7 +40,7 @@ def split_ways(extract: Extract, widths: dict[str, float]) -> tuple[Streets, Nod
     - At a gate with opening times, or for destinations only, the parts of all ways between the nodes before and after
       it get these.
     - At a lift, each level gets a node of its own, and a street of kind ``elevator`` joins each two of them. Ways
-      without a level are together on one; where that leaves fewer than two levels, each way is on its own.
+      without a level are on level 0; where that leaves fewer than two levels, each way is on its own.
 
     New nodes get invented negative numbers.
 
@@ -107,6 +107,8 @@ def _lift(
     """Give each level at a lift a node of its own; list the pairs of them."""
     at = np.flatnonzero(stops.node == lift)
     level = np.array(extract.ways.levels, np.int64)[stops.way[at]]
+    if not level.all():  # ways without a level are on level 0
+        level[level == extract.levels.get("0", 0)] = 0
     group = level if len(np.unique(level)) > 1 else np.arange(len(at))
     own = [lift]
     for number in np.unique(group)[1:].tolist():
@@ -117,13 +119,14 @@ def _lift(
 
 
 def _streets(extract: Extract, stops: _Stops, nodes: Nodes, origin: Int[np.ndarray, " node"]) -> Streets:
-    """Make streets of the parts of pieces between crossings, ends and gates."""
+    """Make streets of the parts of pieces between crossings, ends, gates and ferries' landings."""
     ways, node, piece = extract.ways, stops.node, stops.piece
     times = np.bincount(node, weights=1.0 - np.array(ways.second, np.int64)[stops.way], minlength=len(nodes.ids))
     gates = [number for number, access in extract.passages.items() if access.opening != NEVER]
     gate = np.isin(origin[node], extract.nodes.indices(gates))
     near = gate | np.append(gate[1:], False) | np.append(False, gate[:-1])  # ends of pieces are crossings anyway
-    stop = np.flatnonzero(stops.ends | (times[node] > 1) | near)
+    landing = np.isin(node, extract.nodes.indices(extract.ferries.refs))
+    stop = np.flatnonzero(stops.ends | (times[node] > 1) | near | landing)
     joined = piece[stop[1:]] == piece[stop[:-1]]
     # A loop is two streets: loops that are too short to be kept are joined again, and dropped.
     loop = joined & (node[stop[1:]] == node[stop[:-1]])
