@@ -70,6 +70,30 @@ def test_what_is_written_is_read_alike(counts: Path, tmp_path: Path) -> None:
     assert caught.value.field == "out"
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "Quay in;Quay out",
+        "Total;Quay;Hall",
+        "time;b",
+        "month;id",
+        "sensor;count",
+        "Quay  N;Hall",
+        "temperature",
+        'Q, "N";é',
+    ],
+)
+def test_whatever_sensors_are_called_it_is_read_alike(tmp_path: Path, names: str) -> None:
+    sensors = tuple(names.split(";"))
+    times = np.arange("2024-03-04T00", "2024-03-04T05", dtype="datetime64[h]")
+    counts = np.arange(5.0 * len(sensors)).reshape(5, -1)
+    counts[2, 0] = np.nan
+    save_counts(CountTable(times, sensors, counts, None, (), ""), tmp_path / "clean.csv")
+    again = read_counts(tmp_path / "clean.csv")
+    assert again.sensors == sensors
+    np.testing.assert_array_equal(again.counts, counts)
+
+
 def test_the_bundled_counts_are_written_with_their_positions(auckland: CountTable, tmp_path: Path) -> None:
     part = auckland.between("2024-04-06", "2024-04-09")
     save_counts(part, tmp_path / "a.csv")

@@ -1,5 +1,6 @@
 """Counts in the layouts of publishers: what is understood, what is summed, what is missing, what is refused."""
 
+import gzip
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,10 @@ def test_two_formats_in_one_file(read: Read, second: str, line: int) -> None:
     assert (caught.value.field, caught.value.line) == ("time", 3)
 
 
+def test_day_and_month_may_be_the_same(read: Read) -> None:
+    assert str(read(day("05/05/2024 {hour}:00")).times[0]) == "2024-05-05T00"
+
+
 def test_formats_that_are_said(read: Read) -> None:
     for said in ("%d/%m/%y %H:%M", "day-first"):
         assert str(read(day("01/02/24 {hour}:00"), date_format=said).times[0]) == "2024-02-01T00"
@@ -230,6 +235,22 @@ def test_where_the_timezone_is_known_its_clock_counts(read: Read) -> None:
     assert (caught.value.field, caught.value.line) == ("time", 2)
 
 
+@pytest.mark.parametrize(
+    ("timezone", "first", "found"),
+    [
+        ("Asia/Kolkata", "2024-04-06T21", [2] * 7),
+        ("Australia/Lord_Howe", "2024-04-07T02", [2] * 7),  # after the clock went back half an hour
+        ("Australia/Adelaide", "2024-04-07T01", [2, NAN, 2, 2, 2, 2, 2]),  # back from 3:00 to 2:00
+    ],
+)
+def test_clocks_at_half_hours_of_utc(read: Read, timezone: str, first: str, found: list[float]) -> None:
+    begin = np.datetime64("2024-04-06T13:30")
+    text = rows("time,a", (f"{begin + np.timedelta64(30 * step, 'm')}Z,1" for step in range(24)))
+    table = read(text, timezone=timezone)
+    hours = table.times.astype(str).tolist()
+    np.testing.assert_array_equal(table.series("a")[hours.index(first) :][:7], found[: len(hours) - hours.index(first)])
+
+
 def test_the_skipped_hour(read: Read) -> None:
     for cells in ([5, 5, 0, 5], [5, 5, "", 5], [5, 5, None, 5]):
         table = read(
@@ -318,6 +339,10 @@ def test_sensors_are_told_apart_by_their_numbers(read: Read) -> None:
         ("time,Quay in,Quay out,Hall", "1,2,5", {}, {"Quay": 3, "Hall": 5}),
         ("time,Quay (Northbound),Quay (Southbound)", "1,2", {}, {"Quay": 3}),
         ("time,Quay,Quay IN,Quay OUT", "9,4,5", {}, {"Quay": 9}),
+        ("time,Quay In,Quay Out,Quay Total,Hall", "1,2,4,5", {}, {"Quay": 4, "Hall": 5}),
+        ("time,In,Out,Total", "1,2,4", {}, {"quay": 4}),
+        ("time,Quay,Hall,Total", "1,2,3", {}, {"Quay": 1, "Hall": 2}),
+        ("time,Total,Rain", "3,9", {}, {"Total": 3}),
         ("time,in,out", "1,2", {}, {"quay": 3}),
         ("time,sensor,Direction_1,Direction_2", "Quay,1,2", {}, {"Quay": 3}),
         ("time,sensor,in,out,total", "Quay,1,2,3", {}, {"Quay": 3}),
@@ -336,7 +361,9 @@ def test_directions_in_columns(
 ) -> None:
     table = read(rows(head, (f"2024-03-04T{hour:02}:00,{cells}" for hour in FIVE)), **layout)
     assert series(table) == {name: [count] * 5 for name, count in found.items()}
-    summed = len(found) < cells.count(",") + 1 - cells.count("Quay") and "IN" not in head and "total" not in head
+    summed = (
+        len(found) < cells.count(",") + 1 - cells.count("Quay") and "IN" not in head and "total" not in head.lower()
+    )
     assert any("directions summed" in said for said in table.understood) == (summed and head != "time,a+b,b")
 
 
@@ -432,6 +459,7 @@ def test_separators_preambles_and_what_follows(read: Read, sep: str) -> None:
         (["1'234", "1\u00a0234"], ";", "", [1234, 1234]),
         (["1e3", "+5"], ",", "", [1000, 5]),
         (["NA", "n/a"], ",", "", [NAN, NAN]),
+        (["#N/A", "5"], ";", "", [NAN, 5]),
         (["", "-"], ",", "", [NAN, NAN]),
     ],
 )
@@ -463,6 +491,68 @@ def test_numbers_that_are_none(read: Read, cell: str, sep: str, line: int | None
     with pytest.raises(CountsError) as caught:
         read(text)
     assert (caught.value.field, caught.value.line) == ("a", line)
+
+
+# --- Lines that are no rows -----------------------------------------------------------------------------------------
+
+WIDE = [f"2024-03-04T{hour:02}:00;1;2" for hour in FIVE]
+
+
+@pytest.mark.parametrize(
+    ("above", "below"),
+    [
+        ([";persons/h;persons/h"], []),
+        (["[local]; ; [1/h]"], []),
+        ([], ["Total;5;10"]),
+        ([], ["", "Grand total: ;5;1.234,5", "Mean;1,0;2,0"]),
+        ([], ["Source: the city"]),
+        (["ISO 8601;number;number"], ["Summe;5;10", "# end", "Licence: CC BY"]),
+    ],
+)
+def test_units_totals_and_remarks_are_skipped_and_said(read: Read, above: list[str], below: list[str]) -> None:
+    table = read(rows("time;a;b", [*above, *WIDE, *below]))
+    assert series(table) == {"a": [1] * 5, "b": [2] * 5}
+    number = len(above) + sum(map(bool, below))
+    assert f"lines of units, totals and remarks skipped: {number}" in table.understood
+
+
+def test_a_sensor_may_be_called_total(read: Read) -> None:
+    cells = [f"{name},2024-03-04T{hour:02}:00,5" for hour in FIVE for name in ("Quay", "Total")]
+    assert series(read(rows("sensor,time,count", cells))) == {"Quay": [5] * 5, "Total": [5] * 5}
+
+
+@pytest.mark.parametrize(
+    ("cells", "line"),
+    [
+        ([*WIDE[:2], "Total;5;10", *WIDE[2:]], 4),  # in the middle
+        ([*WIDE[:2], "Source: the city", *WIDE[2:]], 4),
+        ([*WIDE, ";5;10"], 7),
+        ([*WIDE, "yesterday;5;10"], 7),
+        ([*WIDE, "2024-03-04T05:00;5"], 7),  # cut short
+        (["yesterday;5;10", *WIDE], 2),
+    ],
+)
+def test_rows_without_a_time_are_none(read: Read, cells: list[str], line: int) -> None:
+    with pytest.raises(CountsError) as caught:
+        read(rows("time;a;b", cells))
+    assert caught.value.line == line
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (gzip.compress(b"time,a"), "gzip"),
+        (b"PK\x03\x04xl/workbook.xml", "Excel"),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1", "Excel"),
+        (b"PAR1\x15\x04", "Parquet"),
+        (b"<!DOCTYPE html><html/>", "web page"),
+        (b'[{"time": "2024-03-04T00:00", "a": 5}]', "JSON"),
+    ],
+)
+def test_other_files_are_named_for_what_they_are(tmp_path: Path, content: bytes, said: str) -> None:
+    (tmp_path / "c.csv").write_bytes(content)
+    with pytest.raises(CountsError, match=said):
+        read_counts(tmp_path / "c.csv")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])

@@ -166,6 +166,19 @@ def test_spikes_stand_alone() -> None:
     assert not fix.spikes(np.where(np.arange(100) == 50, 5000.0, 100.0)).any()  # too short to tell
 
 
+def test_repaired_counts_have_nothing_left_to_repair() -> None:
+    # The second spike shows only without the first ones, which raise what counts as usual.
+    series = np.full((8 * 168, 1), 10.0)
+    series[50 : 50 + 13 * 90 : 90, 0] = 10_000.0
+    series[600] = 90.0
+    times = np.datetime64("2024-03-04T00", "h") + np.arange(len(series))
+    none = np.zeros(len(series), bool)
+    once, found = fix.repair_sensors(times, series, ["a"], none)
+    assert [(each.kind, each.hours) for each in found] == [("spike", 14)]
+    twice, _ = fix.repair_sensors(times, once, ["a"], none)
+    np.testing.assert_array_equal(twice, once)
+
+
 def test_the_real_counts_have_no_spikes(auckland: CountTable) -> None:
     assert [repair for repair in auckland.repairs if repair.kind == "spike"] == []
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from sidestep.crowds.sheets import Cells, Sheet
 
-MISSING = frozenset(("", "-", "–", "na", "n/a", "nan", "null", "none"))
+MISSING = frozenset(("", "-", "–", "na", "n/a", "#n/a", "#na", "n.a.", "nan", "null", "none"))
 """Cells of hours in which nothing was counted, in lower case."""
 _BLANKS = re.compile(r"(?<=\d)[\u00a0\u2009\u202f '’](?=\d{3}(?!\d))")  # between thousands
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?", re.IGNORECASE | re.ASCII)

@@ -31,7 +31,7 @@ LATITUDES, LONGITUDES = _names("latitude lat breitengrad"), _names("longitude lo
 DIRECTIONS = _names("direction directionname dir richtung sens suunta riktning sentido")
 NEVER_COUNTED = _names(
     "id index objectid rowid fid year month mdate day week weekday dayofweek dow dayname quarter hour wochentag jahr "
-    "monat"
+    "monat temperature temp rain rainfall precipitation humidity"
 )
 """Columns of a wide table that are no sensors."""
 PAIRS = (
@@ -44,16 +44,25 @@ PAIRS = (
 "Quay south" may be two sensors."""
 
 
+TOTALS = _names("total totals sum both all summe gesamt insgesamt yhteensä somme suma")
+"""Words for the sum of two directions; alone for the sum of all sensors."""
+TOTAL_LINES = TOTALS | _names(
+    "grandtotal gesamtsumme totaal summa mean average mittelwert durchschnitt moyenne media keskiarvo median min max "
+    "minimum maximum"
+)
+"""First words of lines that are no rows but sums or means of them."""
+
+
 def plain(name: str) -> str:
     """A name without case, blanks and punctuation."""
     return re.sub(r"[\W_]", "", name.casefold())
 
 
-_WORDS = "|".join(re.sub(r"(\d)", r"[ _]?\1", word) for pair in PAIRS for word in pair)
+_WORDS = "|".join([*(re.sub(r"(\d)", r"[ _]?\1", word) for pair in PAIRS for word in pair), *sorted(TOTALS)])
 _AT_END = re.compile(rf"(|.*?[\s_\-–:(/\[,.])({_WORDS})[)\]]?", re.IGNORECASE)
 
 
 def direction_in(name: str) -> tuple[str, str]:
-    """A column's name without the word for a direction at its end, and that word."""
+    """A column's name without the word for a direction, or for the sum of both, at its end, and that word."""
     found = _AT_END.fullmatch(name)
     return (found[1].rstrip(" _-–:/([,."), plain(found[2])) if found else (name, "")

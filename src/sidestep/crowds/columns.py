@@ -29,6 +29,15 @@ MOST_BYTES = 2**31
 Numbers = Float[np.ndarray, " row"]
 WholeNumbers = Int[np.ndarray, " row"]
 
+_NO_TEXT = {
+    b"\x1f\x8b": "packed by gzip; unpack it first",
+    b"PK\x03\x04": "a workbook of Excel's or a zip archive; save its table as CSV, or unpack it first",
+    b"\xd0\xcf\x11\xe0": "a workbook of Excel's; save its table as CSV",
+    b"PAR1": "Parquet and no text; save it as CSV",
+    b"SQLite": "a database and no text; save its table as CSV",
+}
+"""How files begin that people take for text with columns."""
+_NO_COLUMNS = re.compile(r"\s*(?:<(?P<markup>!doctype|html|\?xml)|[\[{]\s*(?P<json>[\[{\"]))", re.IGNORECASE)
 _WHOLE = re.compile(r"[-+]?[0-9]{1,19}")
 _DIGITS = 18  # that a whole number may have
 
@@ -162,6 +171,8 @@ def typical_step(ascending: Int[np.ndarray, " time"]) -> int:
 def decoded(path: Path, error: type[SidestepError]) -> str:
     """The text of a file in UTF-8, or in UTF-16 with a byte-order mark."""
     data = _content(path, error)
+    if said := next((said for begins, said in _NO_TEXT.items() if data.startswith(begins)), ""):
+        raise error(f"{path}: it is {said}")
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         text = data.decode("utf-16" if wide else "utf-8-sig")
@@ -170,6 +181,9 @@ def decoded(path: Path, error: type[SidestepError]) -> str:
         raise error(f"{path}: {said}") from found
     if "\0" in text:
         raise error(f"{path}: not a text file: it contains null characters")
+    if other := _NO_COLUMNS.match(text):
+        said = "a web page or XML" if other["markup"] else "JSON"
+        raise error(f"{path}: it is {said}, and no text with columns; save its table as CSV")
     return text
 
 

@@ -121,8 +121,8 @@ def with_doubled_hours(sheet: Sheet, roles: Roles, layout: Layout, clock: Clock,
     SidestepError
         Of the sheet's type: other times that come twice.
     """
-    of_day = np.unique(np.stack([clock.wall, clock.instant]) // HOUR, axis=1)[0]
-    twice = set(of_day[1:][of_day[1:] == of_day[:-1]].tolist())
+    shown = np.unique(np.stack([clock.wall, clock.instant]), axis=1)[0]  # hours may begin at half hours of UTC
+    twice = set((shown[1:][shown[1:] == shown[:-1]] // HOUR).tolist())
     key = np.stack([entries.part, clock.instant[entries.row]])
     order = np.lexsort((entries.row, *key))
     same = (key[:, order[1:]] == key[:, order[:-1]]).all(axis=0)

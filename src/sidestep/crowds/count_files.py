@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.crowds.column_names import LATITUDES, LONGITUDES, SENSORS, plain
+from sidestep.crowds.layouts import RECOGNISED, Roles, roles_of
 from sidestep.crowds.sheets import Sheet, open_sheet
 from sidestep.errors import SidestepError
 from sidestep.files import OutputError, whole_file
@@ -86,7 +87,9 @@ def _degrees(sheet: Sheet, column: str, most: float) -> Float[np.ndarray, " row"
 def save_counts(table: "CountTable", path: Path) -> None:
     """Write counts as CSV: ``time``, then a column for each sensor; an empty cell is a missing count.
 
-    Where positions are known, they are written beside it. :func:`sidestep.crowds.counts.read_counts` reads both.
+    Where names of sensors would be taken for something else, such as directions, there is a row for each sensor and
+    hour instead. Where positions are known, they are written beside it. :func:`sidestep.crowds.counts.read_counts`
+    reads all of this as it was.
 
     Parameters
     ----------
@@ -103,9 +106,16 @@ def save_counts(table: "CountTable", path: Path) -> None:
     check_suffix(path)
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time", *table.sensors])
-        for time, counts in zip(np.datetime_as_string(table.times, "m"), table.counts.tolist(), strict=True):
-            writer.writerow([time, *("" if count != count else f"{count:.15g}" for count in counts)])  # noqa: PLR0124 - NaN
+        rows = zip(np.datetime_as_string(table.times, "m"), table.counts.tolist(), strict=True)
+        texts = ((time, ["" if count != count else f"{count:.15g}" for count in counts]) for time, counts in rows)  # noqa: PLR0124 - NaN
+        if _are_columns(table.sensors):
+            writer.writerow(["time", *table.sensors])
+            writer.writerows([time, *counts] for time, counts in texts)
+        else:
+            writer.writerow(["time", "sensor", "count"])
+            writer.writerows(
+                (time, *each) for time, counts in texts for each in zip(table.sensors, counts, strict=True)
+            )
     if table.positions is not None:
         with whole_file(positions_path(path)) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
@@ -113,6 +123,19 @@ def save_counts(table: "CountTable", path: Path) -> None:
             writer.writerows(
                 [name, *place] for name, place in zip(table.sensors, table.positions.tolist(), strict=True)
             )
+
+
+def _are_columns(sensors: tuple[str, ...]) -> bool:
+    """Whether a reader takes columns of these names for sensors, each for one of its own."""
+    names = ("time", *sensors)
+    if len(set(names)) < len(names) or any(name != " ".join(name.split()) for name in sensors):
+        return False
+    first = {"time": "2024-01-01T00:00", **dict.fromkeys(sensors, "1")}
+    sheet = Sheet("", names, ",", 0, 0, np.zeros(0, np.int64), "", len(names), first, OutputError)
+    try:
+        return roles_of(sheet, RECOGNISED) == Roles(("time",), (), {name: (name,) for name in sensors})
+    except OutputError:
+        return False
 
 
 def check_suffix(path: Path) -> None:

@@ -78,6 +78,8 @@ def read_hourly(path: Path, layout: Layout, error: type[SidestepError]) -> Hourl
         )
         repairs += changes
     said = [f"lines above the header skipped: {sheet.skipped}"] if sheet.skipped else []
+    if sheet.aside:
+        said.append(f"lines of units, totals and remarks skipped: {sheet.aside}")
     if sheet.delimiter != ",":
         said.append({";": "semicolons", "\t": "tabs", "|": "vertical bars"}[sheet.delimiter] + " between columns")
     if clock.step < HOUR:

@@ -211,6 +211,8 @@ def _order(
         seen = f"{quoted(cells.texts[cells.code[before]])} in line {sheet.lines[before]}"
         said = f"{quoted(cells.texts[cells.code[row]])} has day and month in another order than {seen}"
         raise sheet.refuse(row, name, f"{said}; give all dates one format")
+    if (numbers[:, 1] == numbers[:, 2]).all():
+        return True, ", or the month: they are the same"
     if not first.any() and not second.any():
         row = int(np.argmax(numbers[cells.code, 1] != numbers[cells.code, 2]))
         year, one, two = numbers[cells.code[row]].tolist()

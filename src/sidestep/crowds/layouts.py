@@ -20,6 +20,7 @@ from sidestep.crowds.column_names import (
     PAIRS,
     SENSORS,
     TIMES,
+    TOTALS,
     direction_in,
     plain,
 )
@@ -273,14 +274,29 @@ def _wide(free: list[str], alone: str) -> tuple[dict[str, tuple[str, ...]], tupl
     left_out = [*never]
     for name in free:
         base, word = direction_in(name)
-        both = next((pair for pair in PAIRS if word in pair and all(part in parts[base] for part in pair)), None)
-        if both is None:
+        pair = _pair_of(word, parts.get(base, {}))
+        total = (
+            base if base in free else next((parts[base][each] for each in TOTALS if pair and each in parts[base]), "")
+        )
+        if not pair:
             sensors[name] = (name,)
-        elif base in free:  # the sum of both
+            continue
+        if total != base or not total:
+            sensors.setdefault(base or alone, (total,) if total else tuple(parts[base][part] for part in pair))
+        if total not in ("", name):
             left_out.append(name)
-        else:
-            sensors.setdefault(base or alone, tuple(parts[base][part] for part in both))
+    of_all = [name for name in sensors if plain(name) in TOTALS]
+    if len(sensors) - len(of_all) > 1:
+        left_out += [sensors.pop(name)[0] for name in of_all]
     return sensors, tuple(left_out)
+
+
+def _pair_of(word: str, parts: dict[str, str]) -> tuple[str, ...]:
+    """The pair of directions among the columns of one sensor to which a word belongs, or whose sum it means."""
+    for pair in PAIRS:
+        if (word in pair or word in TOTALS) and all(part in parts for part in pair):
+            return pair
+    return ()
 
 
 def _split_by(holds_for: Callable[[str], bool], names: list[str]) -> tuple[list[str], list[str]]:

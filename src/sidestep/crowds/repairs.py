@@ -257,20 +257,40 @@ def repair_sensors(
         if number:
             share = f"{number / len(times):.1%} of the hours have no count and stay missing"
             missing.append(Repair("missing", name, int(number), share))
-        runs = dead_runs(times, series)
-        for first, end in runs:
-            series[first:end] = np.nan
+        runs, high, before = _faults(times, series)
         if len(runs):
             lengths = runs[:, 1] - runs[:, 0]
             longest = f"the longest {lengths.max():,} h from {times[runs[lengths.argmax(), 0]]}"
             stretches = "a stretch" if len(runs) == 1 else f"{len(runs)} stretches"
             detail = f"zeros in {stretches} where a living sensor counts hundreds, {longest}"
             faulty.append(Repair("dead sensor", name, int(lengths.sum()), detail))
-        if (high := spikes(series)).any():
-            largest = int(np.argmax(np.where(high, series, -1)))
+        if high.any():
+            largest = int(np.argmax(np.where(high, before, -1)))
             detail = (
-                f"far more than in the hours around it, at most {series[largest]:,.0f} at {times[largest]}: missing"
+                f"far more than in the hours around it, at most {before[largest]:,.0f} at {times[largest]}: missing"
             )
             faulty.append(Repair("spike", name, int(high.sum()), detail))
-            series[high] = np.nan
     return repaired, missing + faulty
+
+
+def _faults(
+    times: Times, series: Float[np.ndarray, " hour"]
+) -> tuple[Int[np.ndarray, "run 2"], Bool[np.ndarray, " hour"], Float[np.ndarray, " hour"]]:
+    """Make dead runs and spikes of a series NaN in place, again until there are none: each may have hidden others.
+
+    Returns
+    -------
+    runs, spikes, before
+        Where they were, and the series as it was.
+    """
+    before, found, high = series.copy(), [], np.zeros(len(series), bool)
+    while True:
+        runs = dead_runs(times, series)
+        for first, end in runs:
+            series[first:end] = np.nan
+        more = spikes(series)
+        series[more] = np.nan
+        found.append(runs)
+        high |= more
+        if not len(runs) and not more.any():
+            return np.concatenate(found), high, before

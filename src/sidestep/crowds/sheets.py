@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
+from sidestep.crowds.asides import is_aside, like_data
 from sidestep.crowds.columns import check_names, check_rows, decoded
 from sidestep.errors import SidestepError
 
 DELIMITERS = (";", "\t", "|", ",")
 _SAMPLE = 200  # lines that show what the header is
 _CHUNK = 500_000  # rows that are in memory as text
-_LIKE_DATA = re.compile(r"[-+]?[\d.,' ]*\d|.*\d{4}.*\d.*|\d{1,2}[./-]\d{1,2}[./-]\d{2}.*|\d{1,2}[:.]\d{2}.*")
 # "March 04, 2024" without quotes in a file with commas between columns, as Melbourne publishes.
 _COMMA_IN_DATE = re.compile(
     r"\b((?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*\.? \d{1,2}),(?= \d{4}\b)", re.IGNORECASE
@@ -54,6 +54,8 @@ class Sheet:
     delimiter: str
     skipped: int
     """Lines with something in them above the header."""
+    aside: int
+    """Lines of units, totals and remarks below it, and at the end."""
     lines: Int[np.ndarray, " row"]
     """Line of the file of each row, counted from 1."""
     body: str
@@ -112,7 +114,7 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
     """Find separator, header and rows of a file, and check that every row has the header's cells.
 
     Columns are separated by commas, semicolons, tabs or ``|``. Lines above the header, blank lines, and separators at
-    the ends of lines are skipped.
+    the ends of lines are skipped; so are units between the header and the rows, and totals and remarks below the rows.
 
     Parameters
     ----------
@@ -153,18 +155,27 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
     numbers: list[int] = []
     width = len(names)
     first = dict.fromkeys(names, "")
-    for line, cells, whole in rows:
-        if len(cells) < len(names) or any(cells[len(names) :]):
-            raise error(f"{path}: line {line} has {len(cells)} cells, the header has {len(names)}", line=line)
-        if len(kept) < _SAMPLE:
-            first = {name: seen or cell for (name, seen), cell in zip(first.items(), cells, strict=False)}
-        kept.append(whole)
-        numbers.append(line)
-        width = max(width, len(cells))
+    waiting: list[tuple[int, list[str], str]] = []  # no rows, unless one comes after them
+    aside = 0
+    for row in rows:
+        if is_aside(row[1]):
+            aside += not kept
+            waiting += [row] if kept else []
+            continue
+        for line, cells, whole in (*waiting, row):
+            if len(cells) < len(names) or any(cells[len(names) :]):
+                raise error(f"{path}: line {line} has {len(cells)} cells, the header has {len(names)}", line=line)
+            if len(kept) < _SAMPLE:
+                first = {name: seen or cell for (name, seen), cell in zip(first.items(), cells, strict=False)}
+            kept.append(whole)
+            numbers.append(line)
+            width = max(width, len(cells))
+        waiting = []
     check_rows(path, len(kept), error)
     skipped = sum(bool(line.strip()) for line in lines[:header])
     body = "\n".join(kept)
-    return Sheet(str(path), tuple(names), delimiter, skipped, np.array(numbers), body, width, first, error)
+    aside += len(waiting)
+    return Sheet(str(path), tuple(names), delimiter, skipped, aside, np.array(numbers), body, width, first, error)
 
 
 def _rows(
@@ -221,8 +232,8 @@ def _header_among(
         as_wide = len(names) > 1 and all(names) and abs(len(cells[number]) - width) <= 1
         if any(map(known, names)) and as_wide:
             return number
-        data_below = below is None or any(map(_LIKE_DATA.fullmatch, cells[below]))
-        if as_wide and data_below and not any(map(_LIKE_DATA.fullmatch, names)):
+        data_below = below is None or any(map(like_data, cells[below]))
+        if as_wide and data_below and not any(map(like_data, names)):
             candidates.append(number)
     return candidates[0] if candidates else None
 
