@@ -109,6 +109,15 @@ def test_a_relation_and_its_outer_way_are_one_area(square) -> None:
     assert report.dropped == {"area: mapped by a relation as well": 1}
 
 
+@pytest.mark.parametrize(("more", "holes"), [({}, True), ({"source": "survey"}, True), ({"building": "yes"}, False)])
+def test_a_relation_without_tags_has_those_of_its_outer_way(square, more, holes: bool) -> None:
+    ways = {31: ((11, 12, 13, 14, 11), {})}
+    town, report = square(nodes=HOLE, ways=ways, relations=[([(10, "outer"), (31, "inner")], more)])
+    assert float(town.length.max()) == pytest.approx(100 + (AROUND if holes else np.hypot(100, 100)), abs=0.1)
+    assert (report.areas, report.walkable) == (1, 3)
+    assert set(town.name) <= {"", "Market"}
+
+
 def test_an_outer_way_that_is_a_way_stays_one(square) -> None:
     town, _ = square(ring=None, ways={30: (RING, FOOT)}, relations=[([(30, "outer")], SQUARE)])
     sides = dict.fromkeys([(1, 2), (2, 3), (3, 4), (1, 4)], "footway")

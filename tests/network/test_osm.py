@@ -216,7 +216,7 @@ def test_files_cut_short(every_format) -> None:
         ("a.osm", b'<osm version="0.6">\n<node id="1" lat="0"\n</osm>', 3),
         ("a.osm.pbf", b"hello, hello", None),
         ("a.osm.gz", b"hello", 1),
-        ("a.osm.bz2", b"hello", None),
+        ("a.osm.bz2", b"hello", 1),
         ("a.osm", b"<gpx></gpx>", None),
         ("a.osm", b'<osm version="0.5"></osm>', None),
         ("a.osm", b'<osm version="0.6"></osm>', None),

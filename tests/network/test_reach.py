@@ -67,6 +67,7 @@ def said(text: str) -> dict[str, str]:
         "highway=footway",
         "highway=primary",
         "highway=primary | motorroad=yes | foot=yes",
+        "highway=busway | foot=yes",
         "highway=track | access=agricultural | foot=permissive",
         "highway=footway | access=unheard-of",
         "highway=footway | access=agricultural;forestry;yes",
@@ -90,6 +91,7 @@ def test_ways_that_are_walked(across, way: str) -> None:
     "way",
     [
         "highway=primary | motorroad=yes",
+        "highway=busway",
         "highway=footway | foot=use_sidepath",
         *(f"highway=track | access={value}" for value in ("no", "private", "agricultural", "forestry", "military")),
         *(f"highway=service | access={value}" for value in ("delivery", "employees", "permit", "emergency")),
@@ -219,6 +221,7 @@ def test_nodes_that_are_closed(across, middle: str) -> None:
         "barrier=gate | locked=yes | foot=designated",
         "barrier=wall | foot=permissive",
         "barrier=fence | gate=yes",
+        "barrier=wall | stile=yes",
         "barrier=fence;gate",
         "barrier=hedge | entrance=yes",
         "barrier=gate | access=permissive",
@@ -543,6 +546,76 @@ def test_places_that_stand_with_the_ways_are_read(osm, tmp_path) -> None:
     with pytest.raises(OsmError) as caught:
         import_osm(path)
     assert caught.value.line == path.read_text().splitlines().index("<node/><</osm>") + 1
+
+
+def test_ways_that_stand_in_relations_alone_are_read(osm, tmp_path) -> None:
+    # Overpass writes them so (out geom) where only the relation is asked for: a square from 1005 to 1010.
+    ways = grid_ways({"highway": "footway"})
+    del ways[9]
+    square = [([(30, "outer"), (31, "outer"), (40, "inner")], {"highway": "pedestrian"})]
+    text = osm(grid_nodes(), ways, square)
+    places = dict(re.findall(r'<node id="(\d+)" (lon="[^"]*" lat="[^"]*")', text))
+    corner = 1.5 * SIDE / 111_195.08
+    hole = [(corner + x * 1e-5, corner + y * 1e-5) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
+    courses = {
+        30: [places[ref] for ref in ("1005", "1006", "1010")],
+        31: [places[ref] for ref in ("1010", "1009", "1005")],
+        40: [f'lat="{y}" lon="{x}"' for x, y in hole],
+    }
+    for way, course in courses.items():
+        inside = "".join(f"<nd {place}/>\n" for place in course)
+        member = re.search(rf'<member type="way" ref="{way}" role="[a-z]+"/>', text)[0]
+        text = text.replace(member, f"{member[:-2]}>{inside}</member>")
+    path = tmp_path / "overpass.osm"
+    path.write_text(text)
+    town, report = import_osm(path, merge=0)
+    assert (metres(town), report.areas) == (ACROSS, 1)
+    assert town.length.sum() > 0
+    assert "area: walked along its outline, open ring" not in report.repaired
+    # A member that is cut is not there.
+    path.write_text(text.replace(f"<nd {places['1009']}/>", "<nd/>"))
+    assert import_osm(path, merge=0)[1].repaired["area: walked along its outline, open ring"] == 1
+
+
+@pytest.mark.parametrize("elements", [True, False])
+def test_what_overpass_did_not_finish_is_refused(osm, tmp_path, elements: bool) -> None:
+    said = '<remark> runtime error: Query timed out in "query" at line 3 after 26 seconds. </remark></osm>'
+    path = tmp_path / "overpass.osm"
+    text = osm(grid_nodes(), grid_ways({"highway": "footway"})) if elements else '<osm version="0.6"></osm>'
+    path.write_text(text.replace("</osm>", said))
+    with pytest.raises(OsmError, match="timed out"):
+        import_osm(path)
+    path.write_text(text.replace("</osm>", "<remark>all well</remark></osm>"))
+    if elements:
+        assert metres(import_osm(path, merge=0)[0]) == ACROSS
+
+
+def test_a_file_is_what_it_holds_and_not_what_it_is_called(osm, tmp_path) -> None:
+    text = osm(grid_nodes(), grid_ways({"highway": "footway"})).encode()
+    for name, content in (
+        ("a.osm", gzip.compress(text)),
+        ("a.osm", bz2.compress(text)),
+        ("a.osm.gz", text),
+        ("a.osm.bz2", gzip.compress(text)),
+    ):
+        (tmp_path / name).write_bytes(content)
+        assert metres(import_osm(tmp_path / name, merge=0)[0]) == ACROSS
+    for name, content, said in (
+        ("b.osm", b'{"version": 0.6, "elements": []}', "JSON"),
+        ("b.osm.gz", gzip.compress(b' [{"type": "node"}]'), "JSON"),
+        ("b.osm.gz", b"PK\x03\x04", "zip"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(OsmError, match=said):
+            import_osm(tmp_path / name)
+
+
+def test_latitude_and_longitude_swapped(tmp_path) -> None:
+    nodes = "".join(f'<node id="{number}" lat="{174.76 + number / 1000}" lon="-36.85"/>' for number in (1, 2))
+    way = '<way id="1"><nd ref="1"/><nd ref="2"/><tag k="highway" v="footway"/></way>'
+    (tmp_path / "auckland.osm").write_text(f'<osm version="0.6">{nodes}{way}</osm>')
+    with pytest.raises(OsmError, match="swapped"):
+        import_osm(tmp_path / "auckland.osm")
 
 
 # Kerbs and inclines.

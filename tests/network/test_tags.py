@@ -16,7 +16,7 @@ def tags(text: str) -> dict[str, str]:
     return dict(pair.split("=", 1) for pair in text.split())
 
 
-@pytest.mark.parametrize("kind", sorted(set(WIDTHS) - {"cycleway", "bridleway", "trunk", "trunk_link"}))
+@pytest.mark.parametrize("kind", sorted(set(WIDTHS) - {"cycleway", "bridleway", "busway", "trunk", "trunk_link"}))
 def test_kinds_that_are_walked(kind: str) -> None:
     assert exclusion_reason({"highway": kind}) is None
 

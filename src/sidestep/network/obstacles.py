@@ -21,7 +21,7 @@ KERBS = {"flush": 0.0, "no": 0.0, "lowered": 0.03, "rolled": 0.05, "raised": RAI
 HIGHEST_KERB = 0.5
 """Metres; higher values are mistyped."""
 
-_WAYS_THROUGH = ("gate", "door", "entrance")
+_WAYS_THROUGH = ("gate", "door", "entrance", "stile")
 
 
 def passage(tags: Tags) -> Access | None:

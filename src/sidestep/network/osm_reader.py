@@ -18,12 +18,15 @@ from sidestep.network import measures, tags
 from sidestep.network.access import NEVER, Access, access
 from sidestep.network.extract import Extract, Ways
 from sidestep.network.obstacles import kerb_height, passage
-from sidestep.network.osm_files import OsmError, file_format, rewritten_xml
+from sidestep.network.osm_files import OsmError, file_format, packed_format, rewritten_xml
 from sidestep.network.rings import closed_rings
 from sidestep.network.streets import Nodes
 
 _LONGEST_NAME = 255  # characters; OpenStreetMap takes no more
 _LARGEST_ID = 2**36  # the reader's filter takes smaller ones only; larger and negative ones are filtered here
+_POLE = 90 * 10**7  # latitude of the North Pole in the units of files
+_ABOUT_RELATIONS = frozenset({"type", "source", "created_by", "note", "fixme"})
+"""Tags of multipolygons that do not say of what."""
 _KIND_CODES = {kind: code for code, kind in enumerate(tags.WIDTHS)}
 
 
@@ -50,8 +53,9 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
     kind = file_format(path)
     # The reader opens the file itself, but might take its name for a web address, or for the standard input.
     with reading(path, OsmError, "OpenStreetMap data") as opened:
-        if not opened.read(1):
+        if not (begins := opened.read(64)):
             raise OsmError("it is empty")
+        kind = packed_format(kind, begins)
         xml = None if kind == "pbf" else rewritten_xml(path)
         file = osmium.io.File(str(path.resolve()), kind) if xml is None else osmium.io.FileBuffer(xml, "osm")
         relations = _read_relations(file)
@@ -83,6 +87,10 @@ class _Relations:
     """Numbers of ways around those that are walked, which are no areas of their own then."""
     ferries: dict[int, dict[str, str]] = field(default_factory=dict)
     """Tags of ferries by the numbers of the ways along which they go."""
+    untagged: dict[int, int] = field(default_factory=dict)
+    """Relations with no tags of their own, by the ways around them, whose tags they have if these are areas."""
+    adopted: dict[int, dict[str, str]] = field(default_factory=dict)
+    """Tags of such ways by the numbers of their relations."""
 
 
 def _read_relations(file: Any) -> _Relations:
@@ -97,24 +105,29 @@ def _read_relations(file: Any) -> _Relations:
             continue
         versions[number] = relation.version
         found.tagged.pop(number, None)
+        found.members.pop(number, None)
         tagged = dict(relation.tags)
         kind = tags.way_kind(tagged)
         ferry = kind == tags.FERRY
-        if relation.deleted or kind is None or tagged.get("type") != ("route" if ferry else "multipolygon"):
+        if relation.deleted or tagged.get("type") != ("route" if ferry else "multipolygon"):
             continue
-        if ferry or tagged.get("area") != "no":
-            found.tagged[number] = {**tagged, "highway": kind}
+        if ferry or (kind is not None and tagged.get("area") != "no") or tagged.keys() <= _ABOUT_RELATIONS:
+            if kind is not None:
+                found.tagged[number] = {**tagged, "highway": kind}
             members = [(member.ref, member.role == "inner") for member in relation.members if member.type == "w"]
             found.members[number] = members
-    for number, tagged in [*found.tagged.items()]:
-        members = found.members[number]
-        if tagged["highway"] == tags.FERRY:
+    for number, members in [*found.members.items()]:
+        tagged = found.tagged.get(number, {})
+        if tagged.get("highway") == tags.FERRY:
             found.ferries.update((way, tagged) for way, _ in members)
-            del found.tagged[number]
+            del found.tagged[number], found.members[number]
             continue
         found.pieces.update((way, []) for way, _ in members)
-        if tags.exclusion_reason(tagged) is None:
-            found.outer.update(way for way, inner in members if not inner)
+        outer = [way for way, inner in members if not inner]
+        if number not in found.tagged:
+            found.untagged.update(dict.fromkeys(outer, number))
+        elif tags.exclusion_reason(found.tagged[number]) is None:
+            found.outer.update(outer)
     return found
 
 
@@ -123,6 +136,7 @@ def _read_ways(
 ) -> tuple[Extract, dict[int, int] | None]:
     """Read ways; of several versions only the given ones, which are returned if they are not known yet."""
     extract = Extract()
+    relations.adopted.clear()
     versions: dict[int, int] = {}
     several = False
     for way in osmium.FileProcessor(file, osmium.osm.WAY):
@@ -149,12 +163,12 @@ def _read_ways(
         elif known == version:
             extract.dropped["way: repeated number"] += 1
         else:
-            _add_way(extract, way, {**tagged, "highway": kind}, widths, number in relations.outer)
+            _add_way(extract, way, {**tagged, "highway": kind}, widths, relations)
     return extract, versions if several else None
 
 
 def _add_way(
-    extract: Extract, way: Any, tagged: dict[str, str], widths: Mapping[str, float], of_relation: bool
+    extract: Extract, way: Any, tagged: dict[str, str], widths: Mapping[str, float], relations: _Relations
 ) -> None:
     """Add a way to what is walked, or to what is not."""
     refs = [node.ref for node in way.nodes]
@@ -178,7 +192,9 @@ def _add_way(
         return
     _locate(extract, way)
     if tags.is_area(tagged, refs[0] == refs[-1]):
-        if of_relation:
+        if way.id in relations.untagged:
+            relations.adopted.setdefault(relations.untagged[way.id], tagged)
+        if way.id in relations.outer or way.id in relations.untagged:
             extract.dropped["area: mapped by a relation as well"] += 1
             return
         _add_area(extract, [(refs, False)], tagged, widths, whole=True)
@@ -193,7 +209,7 @@ def _add_way(
 
 def _add_relations(extract: Extract, relations: _Relations, widths: Mapping[str, float]) -> None:
     """Add multipolygons, with what does not close of their rings."""
-    for number, tagged in relations.tagged.items():
+    for number, tagged in {**relations.tagged, **relations.adopted}.items():
         extract.read += 1
         excluded = tags.exclusion_reason(tagged)
         members = relations.members[number]
@@ -271,6 +287,7 @@ def _read_nodes(file: Any, extract: Extract) -> None:
     ids = np.unique(np.concatenate([np.array(ways.refs, np.int64) for ways in courses]))
     found, versions, lon, lat = array("q"), array("q"), array("d"), array("d")
     tagged: dict[int, dict[str, str]] = {}
+    swapped = False
     nodes = osmium.FileProcessor(file, osmium.osm.NODE)
     if ids[0] >= 0 and ids[-1] < _LARGEST_ID:
         nodes = nodes.with_filter(osmium.filter.IdFilter(ids.tolist()))
@@ -279,12 +296,15 @@ def _read_nodes(file: Any, extract: Extract) -> None:
             continue
         location = node.location
         there = not node.deleted and location.valid()
+        swapped |= not node.deleted and _POLE < abs(location.y) <= 2 * _POLE and abs(location.x) <= _POLE
         if there and len(node.tags):
             tagged[len(found)] = dict(node.tags)
         found.append(node.id)
         versions.append(node.version)
         lon.append(location.lon if there else np.nan)
         lat.append(location.lat if there else np.nan)
+    if swapped and np.isnan(lat).all():
+        raise OsmError("no node has a latitude of -90 to 90 degrees; latitude and longitude are swapped")
     numbers = np.array(found, np.int64)
     order = np.lexsort((np.array(versions, np.int64), numbers))  # stable: of the same version the last in the file
     rows = order[np.append(numbers[order][1:] != numbers[order][:-1], True)[: len(order)]]

@@ -11,8 +11,8 @@ _PATHS = {
     "path": 1.5, "pedestrian": 6.0, "pier": 3.0, "platform": 3.0, "steps": 2.0, "track": 2.5,
 }  # fmt: skip
 _ROADS = {
-    "primary": 5.0, "primary_link": 4.0, "residential": 4.0, "secondary": 5.0, "secondary_link": 4.0, "service": 3.0,
-    "tertiary": 4.0, "tertiary_link": 4.0, "trunk": 4.0, "trunk_link": 4.0, "unclassified": 3.0,
+    "busway": 4.0, "primary": 5.0, "primary_link": 4.0, "residential": 4.0, "secondary": 5.0, "secondary_link": 4.0,
+    "service": 3.0, "tertiary": 4.0, "tertiary_link": 4.0, "trunk": 4.0, "trunk_link": 4.0, "unclassified": 3.0,
 }  # fmt: skip
 WIDTHS: Mapping[str, float] = {**_PATHS, **_ROADS}
 """Metres available to walkers by kind of street, where no tag gives a width.
@@ -32,7 +32,7 @@ FERRY = "ferry"
 _LEVEL = re.compile(r"[+-]?\d", re.ASCII)
 _GROUND = 10  # storey of level 0: nothing below has a number less than 1
 _CYCLING = frozenset({"yes", "designated", "permissive", "official"})
-_NEED_A_TAG = frozenset({"cycleway", "bridleway", "trunk", "trunk_link"})  # walked only where a tag says so
+_NEED_A_TAG = frozenset({"cycleway", "bridleway", "busway", "trunk", "trunk_link"})  # walked only where a tag says so
 _NEED_PAVEMENT = frozenset({"primary", "primary_link", "secondary", "secondary_link", "trunk", "trunk_link"})
 
 
