@@ -122,7 +122,12 @@ def test_conditional_values() -> None:
         np.testing.assert_array_equal(minutes, expected)
 
 
-@pytest.mark.parametrize("condition", ["wet", "22:00-06:00 AND wet", "weight>7.5", "", " "])
+def test_conditions_that_hold_together() -> None:
+    ((_, minutes),) = conditional_values("no @ (Mo-Fr AND 08:00-18:00)") or []
+    np.testing.assert_array_equal(minutes, week(**WORKING))
+
+
+@pytest.mark.parametrize("condition", ["wet", "22:00-06:00 AND wet", "weight>7.5", "", " ", "AND 08:00-18:00"])
 def test_conditions_that_are_not_read(condition: str) -> None:
     assert conditional_values(f"no @ ({condition})") == [("no", None)]
 

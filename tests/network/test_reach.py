@@ -531,9 +531,11 @@ def test_places_that_stand_with_the_ways_are_read(osm, tmp_path) -> None:
     text = osm(grid_nodes(), grid_ways({"highway": "footway"}))
     places = dict(re.findall(r'<node id="(\d+)" (lon="[^"]*" lat="[^"]*")', text))
     ways = "\n".join(line for line in text.splitlines() if "<node" not in line)
+    path = tmp_path / "overpass.osm"
+    path.write_text(text.replace('<way id="9">', '<way id="9">\n<center lat="0" lon="0"/>'))  # out center
+    assert metres(import_osm(path, merge=0)[0]) == ACROSS
     relation = '<relation id="5"><member type="way" ref="9" role="outer">\n<nd lat="0" lon="0"/>\n</member></relation>'
     located = re.sub(r'<nd ref="(\d+)"/>', lambda nd: f'<nd ref="{nd[1]}" {places[nd[1]]}/>', ways)
-    path = tmp_path / "overpass.osm"
     for content in (located, located.replace("</osm>", f"{relation}</osm>")):
         path.write_text(content)
         assert metres(import_osm(path, merge=0)[0]) == ACROSS

@@ -144,9 +144,17 @@ def conditional_values(text: str) -> list[tuple[str, OpenMinutes | None]] | None
             return None
         value, inside, bare = match.groups()
         condition = (inside or bare or "").strip()
-        clauses.append((value.lower(), open_minutes(condition) if condition else None))
+        clauses.append((value.lower(), _when_all(condition)))
         at = match.end()
     return clauses or None
+
+
+def _when_all(condition: str) -> OpenMinutes | None:
+    """Read times that hold together, with AND between them."""
+    parts = [
+        open_minutes(part) if part.strip() else None for part in re.split(r"\band\b", condition, flags=re.IGNORECASE)
+    ]
+    return None if any(part is None for part in parts) else np.all([part for part in parts if part is not None], axis=0)
 
 
 @lru_cache(maxsize=4096)  # a town repeats the same few

@@ -1,8 +1,8 @@
 """Which OpenStreetMap files are read, and what the reader does not know of XML: editors' deletes, and members' courses.
 
-Editors mark what is to be deleted by ``action='delete'``, and Overpass (``out geom``) puts the course of each member
-into its relation, and the ways that are members nowhere else if nobody asked for them. Files with either are rewritten
-for the reader, in memory; others are only looked through.
+Editors mark what is to be deleted by ``action='delete'``. Overpass puts the course of each member into its relation
+(``out geom``), and the ways that are members nowhere else if nobody asked for them, and centres into ways (``out
+center``). Files with any of these are rewritten for the reader, in memory; others are only looked through.
 """
 
 import bz2
@@ -45,7 +45,9 @@ _NUMBERS = {
     key: re.compile(rb"\b" + name + rb"\s*=\s*[\"']([-+.\deE]+)[\"']")
     for key, name in (("ref", rb"(?:ref|id)"), ("lat", rb"lat"), ("lon", rb"lon"))
 }
-_UNKNOWN = re.compile(rb"\baction\s*=\s*[\"']delete|</member\b|<action\b")
+_CENTRE = re.compile(rb"<center\b" + _ATTRIBUTES + rb"/>")
+_UNKNOWN = re.compile(rb"\baction\s*=\s*[\"']delete|</member\b|<action\b|<center\b")
+_HINTS = (b"action", b"</member", b"<center")  # quicker to look for
 _PIECE = 2**22  # bytes looked through at once
 _OVERLAP = 2**12  # bytes; longer than any element's beginning
 
@@ -139,7 +141,7 @@ def rewritten_xml(path: Path) -> bytes | None:
                 raise OsmError(_JSON)
             both, end = end + piece, piece[-_OVERLAP:]
             _check_finished(both)
-            found = _UNKNOWN.search(both) if b"action" in both or b"</member" in both else None
+            found = _UNKNOWN.search(both) if any(each in both for each in _HINTS) else None
             if found and found[0] == b"<action":
                 raise OsmError(_NO_EXTRACTS[b"osmAugmentedDiff"])
             if found:
@@ -169,7 +171,8 @@ def _rewritten(path: Path) -> bytes:
             raise OsmError(f"it is edited XML of more than {LARGEST >> 30} GiB; convert it to .osm.pbf first")
     xml = b"".join(parts)
     _check_finished(xml)
-    return _THING.sub(_deleted, _MEMBER.sub(_without_course, _with_members(xml)))
+    xml = _CENTRE.sub(b"", _with_members(xml))
+    return _THING.sub(_deleted, _MEMBER.sub(_without_course, xml))
 
 
 def _check_finished(xml: bytes) -> None:

@@ -155,12 +155,16 @@ def _ring(ring: Any, town: Town) -> Float[np.ndarray, "point 2"]:
         points = np.array([point[:2] for point in ring], np.float64).reshape(-1, 2)
     except OverflowError as error:
         raise PolygonError("a number of it is too large") from error
+    if np.isnan(points).any():
+        raise PolygonError("a longitude or latitude is no number")
     if len(points) < 4 or (points[0] != points[-1]).any():
         raise PolygonError("a ring needs at least four points, of which the last is the first")
-    if not (np.abs(points) <= (180, 90)).all():  # NaN is not
+    if not (np.abs(points) <= (180, 90)).all():
         if (np.abs(points) <= (90, 180)).all() and _near(shapely.box(*points.min(0)[::-1], *points.max(0)[::-1]), town):
             raise PolygonError(_swapped(town))
-        raise PolygonError("points must be longitude -180 to 180 and latitude -90 to 90")
+        raise PolygonError(
+            "points must be longitude -180 to 180 and latitude -90 to 90; convert other systems of reference to these"
+        )
     return points
 
 
