@@ -63,6 +63,11 @@ WORKING = {day: [(8, 18)] for day in DAYS[:5]}
         # Holidays are ignored.
         ("Mo-Fr 08:00-18:00; PH off", week(**WORKING), "Mo-Fr 08:00-18:00"),
         ("Mo-Fr,PH 08:00-18:00; SH Mo 12:00-13:00", week(**WORKING), "Mo-Fr 08:00-18:00"),
+        # So are single dates.
+        ("Mo-Fr 08:00-18:00; Dec 25 off", week(**WORKING), "Mo-Fr 08:00-18:00"),
+        ("Mo-Fr 08:00-18:00; Jan 1,Dec 24-26 off", week(**WORKING), None),
+        ("Dec 24, 31 08:00-12:00; Mo-Fr 08:00-18:00, Dec 25-Jan 1 off; easter +1 day off", week(**WORKING), None),
+        ('Mo-Fr 08:00-18:00 || closed "at weekends"', week(**WORKING), "Mo-Fr 08:00-18:00"),
     ],
 )
 def test_times_that_are_read(text: str, minutes: np.ndarray, canonical: str | None) -> None:
@@ -76,8 +81,8 @@ def test_times_that_are_read(text: str, minutes: np.ndarray, canonical: str | No
 @pytest.mark.parametrize(
     "text",
     [
-        "sunrise-sunset", "dawn-22:00", "Apr-Oct 08:00-20:00", "2026 Mo 10:00-12:00", "Dec 24 off; 24/7",
-        "week 1-20 Mo 10:00-12:00", "Mo[1] 10:00-12:00", "easter off; 24/7", "08:00+", "Mo-Fr 08:00-18:00/01:30",
+        "sunrise-sunset", "dawn-22:00", "Apr-Oct 08:00-20:00", "2026 Mo 10:00-12:00",
+        "week 1-20 Mo 10:00-12:00", "Mo[1] 10:00-12:00", "Nov 1-Mar 31 off; 24/7", "Dec 24 off", "08:00+", "Mo-Fr 08:00-18:00/01:30",
         'Mo-Fr 08:00-18:00 || "call"', 'Mo-Fr 08:00-18:00 "by appointment"', '"by appointment"', "unknown",
         "25:00-26:00", "10:70-11:00", "10:00", "8-18", "7am-9pm", "06:00-22:00 AND wet", "(22:00-06:00)",
         "24/7, 04:00-06:00 off", "PH off", "Su off", "PH 10:00-12:00",
@@ -91,6 +96,7 @@ def test_times_that_are_not_read(text: str) -> None:
 def test_holidays_are_noticed() -> None:
     assert names_holidays("Mo-Fr 08:00-18:00; PH off")
     assert names_holidays("no @ (sh 08:00-18:00)")
+    assert names_holidays("24/7; Dec 25 off")
     assert not names_holidays("Mo-Fr 08:00-18:00")
 
 

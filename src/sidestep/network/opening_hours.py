@@ -1,8 +1,9 @@
 """Opening times as minutes of an ordinary week, read from and written to OpenStreetMap's ``opening_hours`` syntax.
 
-Weekdays and times of day are kept, and so are spans over midnight. Rules for public and school holidays are ignored.
-Texts that depend on anything else are not read at all: months, dates, weeks of the year, the n-th weekday of a month,
-sunrise and sunset, spans without an end, and conditions in words. To guess would open a gate that is shut.
+Weekdays and times of day are kept, and so are spans over midnight. Rules for public and school holidays, and for single
+dates such as Christmas, are ignored. Texts that depend on anything else are not read at all: months, weeks of the year,
+the n-th weekday of a month, sunrise and sunset, spans without an end, and conditions in words. To guess would open a
+gate that is shut.
 """
 
 import re
@@ -24,6 +25,10 @@ _NAMES = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "S
 _SHORT = tuple(name[:2] for name in _NAMES)
 _DAYS = {name[:letters].lower(): day for day, name in enumerate(_NAMES) for letters in (2, 3, len(name))}
 _HOLIDAYS = frozenset({"ph", "sh"})
+_MONTH = r"(?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)"
+_DATE = rf"(?:{_MONTH}\s+\d{{1,2}}(?:\s*-\s*\d{{1,2}})?|dec\s+\d{{1,2}}\s*-\s*jan\s+\d{{1,2}}|easter(?:\s*[+-]\s*\d+\s+days?)?)"
+_DATES = re.compile(rf"{_DATE}(?:\s*,\s*(?:{_DATE}|\d{{1,2}}(?:\s*-\s*\d{{1,2}})?))*", re.ASCII | re.IGNORECASE)
+_FALLBACK = re.compile(r'\|\|\s*(?:off|closed)\s*(?:"[^"]*")?\s*$')  # shut when it is not open
 _SPAN = re.compile(r"(\d{1,2})[:.](\d\d)\s*-\s*(\d{1,2})[:.](\d\d)", re.ASCII)
 _TIMES = re.compile(r"(?:\d{1,2}[:.]\d\d|24/7).*", re.ASCII | re.DOTALL)
 # A comma before a weekday begins another rule, unless it stands in a list of weekdays.
@@ -102,7 +107,7 @@ def opening_text(minutes: OpenMinutes) -> str:
 
 
 def names_holidays(text: str) -> bool:
-    """Tell whether opening times have rules for holidays, which are ignored.
+    """Tell whether opening times have rules for holidays or single dates, which are ignored.
 
     Parameters
     ----------
@@ -112,9 +117,9 @@ def names_holidays(text: str) -> bool:
     Returns
     -------
     bool
-        Whether they name public or school holidays.
+        Whether they name public or school holidays, or dates.
     """
-    return re.search(r"\b[PS]H\b", text, re.IGNORECASE) is not None
+    return re.search(rf"\b(?:[PS]H|{_DATE})\b", text, re.IGNORECASE) is not None
 
 
 def conditional_values(text: str) -> list[tuple[str, OpenMinutes | None]] | None:
@@ -183,7 +188,7 @@ def _open_minutes(text: str) -> OpenMinutes | None:
 def _rules(text: str) -> list[Rule] | None:
     """Split opening times into rules; None if any of them cannot be read."""
     rules: list[Rule] = []
-    text = text.lower().replace("–", "-").replace("—", "-")
+    text = _FALLBACK.sub("", text.lower().replace("–", "-").replace("—", "-"))
     for part in re.split(r";", _COMMENT.sub(' "" ', text)):
         for number, piece in enumerate(_ADDITION.split(part)):
             if not piece.strip():
@@ -218,6 +223,8 @@ def _selected_days(text: str) -> list[int] | None:
     """Read a list of weekdays; none for holidays alone, all where there is no list."""
     if not text:
         return _WHOLE_WEEK
+    if _DATES.fullmatch(text):
+        return []
     names = [name.strip() for name in text.split(",")]
     if any(name.split()[0] in _HOLIDAYS and len(name.split()) > 1 for name in names if name):
         text = re.sub(r"\b(ph|sh)\s+", "", text)  # on holidays only
