@@ -1,12 +1,15 @@
 """Areas to avoid: what is a polygon, and which streets cross one."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from sidestep.network.contours import ring_area
 from sidestep.network.formats import load_helsinki
-from sidestep.network.polygons import PolygonError, read_polygons
+from sidestep.network.geodesy import Projection
+from sidestep.network.polygons import PolygonError, in_degrees, read_polygons
 from sidestep.network.snapping import Snapper, split_streets
 
 WEST, SOUTH, EAST, NORTH = 24.940, 60.168, 24.944, 60.170
@@ -120,3 +123,40 @@ def test_latitude_and_longitude_swapped() -> None:
     # an area elsewhere is just elsewhere
     elsewhere = read_polygons(open_ring([[x + 1, y] for x, y in RING]), load_helsinki())
     assert not elsewhere.crossed(split_streets(load_helsinki(), [])).any()
+
+
+def test_towns_on_the_antimeridian() -> None:
+    town, turn = load_helsinki(), np.array([180 - (WEST + EAST) / 2, 0.0])
+    ring = np.array(RING) + turn  # from below 180 degrees to above
+    sides = [np.clip(ring, (-np.inf, -90), (180, 90)), np.clip(ring, (180, -90), (np.inf, 90)) - (360, 0)]
+    there = replace(town, place=_turned(town.place + turn), points=_turned(town.points + turn))
+    plain = read_polygons({"type": "Polygon", "coordinates": [RING]}, town)
+    expected = plain.crossed(split_streets(town, []))
+    for coordinates in ([[side.tolist()] for side in sides], [[_turned(ring).tolist()]]):  # split, or not
+        area = read_polygons({"type": "MultiPolygon", "coordinates": coordinates}, there)
+        np.testing.assert_array_equal(area.crossed(split_streets(there, [])), expected)
+        np.testing.assert_array_equal(area.contains(there.place), plain.contains(town.place))
+
+
+def _turned(lonlat: np.ndarray) -> np.ndarray:
+    return np.where(lonlat > 180, lonlat - 360, lonlat)
+
+
+def test_polygons_are_split_at_the_antimeridian() -> None:
+    plane = Projection(np.array([179.999, 0.0]), np.array([100_000.0, 100_000.0]))
+    outer = 1000 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+    rings = [outer, outer[::-1] / 2]
+    found = in_degrees(rings, plane)
+    areas = []
+    for polygon in found:
+        longitudes = np.array(polygon[0])[:, 0]
+        assert np.ptp(longitudes) < 0.02
+        assert np.abs(longitudes).max() == 180
+        areas.append(sum(ring_area(np.array(ring)) for ring in polygon))
+    assert ring_area(np.array(found[0][0])) > 0
+    assert sum(areas) == pytest.approx(3e6 / 1e5**2)
+    assert min(areas) > 0
+    away = Projection(np.array([24.9, 60.0]), plane.scale)
+    ((again, hole),) = in_degrees(rings, away)
+    np.testing.assert_allclose((np.array(again) - away.centre) * away.scale, outer, atol=0.02)
+    assert len(hole) == 5

@@ -65,6 +65,23 @@ class Projection:
         _wrap(away)
         return away * self.scale
 
+    def continuous(self, lonlat: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
+        """Let longitudes go on beyond 180° where the shorter way from the centre leads across the antimeridian.
+
+        Parameters
+        ----------
+        lonlat
+            Longitudes and latitudes in degrees.
+
+        Returns
+        -------
+        Float[np.ndarray, "*point 2"]
+            The same places without a jump between them.
+        """
+        away = np.asarray(lonlat, np.float64) - self.centre
+        _wrap(away)
+        return away + self.centre
+
     def unproject(self, xy: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
         """Convert metres back to degrees.
 

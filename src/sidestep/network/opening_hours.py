@@ -26,7 +26,10 @@ _SHORT = tuple(name[:2] for name in _NAMES)
 _DAYS = {name[:letters].lower(): day for day, name in enumerate(_NAMES) for letters in (2, 3, len(name))}
 _HOLIDAYS = frozenset({"ph", "sh"})
 _MONTH = r"(?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)"
-_DATE = rf"(?:{_MONTH}\s+\d{{1,2}}(?:\s*-\s*\d{{1,2}})?|dec\s+\d{{1,2}}\s*-\s*jan\s+\d{{1,2}}|easter(?:\s*[+-]\s*\d+\s+days?)?)"
+_DATE = (
+    rf"(?:{_MONTH}\s+\d{{1,2}}(?:\s*-\s*\d{{1,2}})?|dec\s+\d{{1,2}}\s*-\s*jan\s+\d{{1,2}}"
+    r"|easter(?:\s*[+-]\s*\d+\s+days?)?)"
+)
 _DATES = re.compile(rf"{_DATE}(?:\s*,\s*(?:{_DATE}|\d{{1,2}}(?:\s*-\s*\d{{1,2}})?))*", re.ASCII | re.IGNORECASE)
 _FALLBACK = re.compile(r'\|\|\s*(?:off|closed)\s*(?:"[^"]*")?\s*$')  # shut when it is not open
 _SPAN = re.compile(r"(\d{1,2})[:.](\d\d)\s*-\s*(\d{1,2})[:.](\d\d)", re.ASCII)

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from sidestep.errors import SidestepError
 from sidestep.files import reading
+from sidestep.network.geodesy import HALF_CIRCLE, Projection
 from sidestep.network.snapping import SplitStreets
 from sidestep.network.town import Town
 
@@ -29,11 +30,13 @@ class Polygons:
     """Some polygons, which may have holes and overlap."""
 
     shape: shapely.Geometry
-    """All of them as one; longitudes and latitudes in degrees."""
+    """All of them as one; longitudes, continuous in the town, and latitudes in degrees."""
+    town: Town
+    """The streets that they are about."""
 
     def contains(self, lonlat: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, " point"]:
         """Which points lie inside; longitudes and latitudes in degrees."""
-        return np.asarray(shapely.intersects_xy(self.shape, lonlat))
+        return np.asarray(shapely.intersects_xy(self.shape, _continuous(lonlat, self.town)))
 
     def crossed(self, streets: SplitStreets) -> Bool[np.ndarray, " segment"]:
         """Find the segments whose course leads through the inside of a polygon.
@@ -59,7 +62,7 @@ class Polygons:
 
     def _crosses(self, points: Float[np.ndarray, "point 2"], line: Int[np.ndarray, " point"]) -> Bool[np.ndarray, "n"]:
         """Which lines do; ``line`` is the number of the line of each point."""
-        lines = shapely.linestrings(points, indices=line)
+        lines = shapely.linestrings(_continuous(points, self.town), indices=line)
         shapely.prepare(self.shape)
         return np.asarray(shapely.intersects(self.shape, lines) & ~shapely.touches(self.shape, lines))
 
@@ -102,7 +105,7 @@ def _polygons(content: object, town: Town) -> Polygons:
     shape = shapely.union_all(found)
     if not _near(shape, town) and _near(shapely.transform(shape, lambda points: points[:, ::-1]), town):
         raise PolygonError(_swapped(town))
-    return Polygons(shape)
+    return Polygons(shape, town)
 
 
 def _rings(content: object, depth: int = 0) -> Iterator[list[Any]]:
@@ -165,13 +168,51 @@ def _ring(ring: Any, town: Town) -> Float[np.ndarray, "point 2"]:
         raise PolygonError(
             "points must be longitude -180 to 180 and latitude -90 to 90; convert other systems of reference to these"
         )
-    return points
+    return _continuous(points, town)
 
 
 def _near(shape: shapely.Geometry, town: Town) -> bool:
     """Whether the box around a shape meets that around a town."""
-    (west, south), (east, north) = town.place.min(axis=0), town.place.max(axis=0)
+    place = _continuous(town.place, town)
+    (west, south), (east, north) = place.min(axis=0), place.max(axis=0)
     return bool(shapely.intersects(shapely.box(*shapely.bounds(shape)), shapely.box(west, south, east, north)))
+
+
+def _continuous(lonlat: Float[np.ndarray, "point 2"], town: Town) -> Float[np.ndarray, "point 2"]:
+    """The same places; in towns on the antimeridian longitudes go on beyond 180°: no line leads round the world."""
+    across = np.ptp(town.place[:, 0]) > HALF_CIRCLE
+    return town.projection.continuous(lonlat) if across else np.asarray(lonlat, np.float64)
+
+
+def in_degrees(rings: list[Float[np.ndarray, "point 2"]], plane: Projection) -> list[list[list[list[float]]]]:
+    """Write a polygon in degrees, split at the antimeridian as GeoJSON wants it (RFC 7946, section 3.1.9).
+
+    Parameters
+    ----------
+    rings
+        The outer one, anticlockwise, and its holes, clockwise; metres on the plane.
+    plane
+        About the middle of the town.
+
+    Returns
+    -------
+    list
+        Of one polygon, or of those on either side, the rings as lists of longitude and latitude.
+    """
+    degrees = [ring / plane.scale + plane.centre for ring in rings]
+    west, east = degrees[0][:, 0].min(), degrees[0][:, 0].max()
+    if west >= -HALF_CIRCLE and east <= HALF_CIRCLE:
+        return [[np.round(ring, 7).tolist() for ring in degrees]]
+    world = shapely.box(-HALF_CIRCLE, -90, HALF_CIRCLE, 90)
+    sides = []
+    for turn in (-2 * HALF_CIRCLE, 0.0, 2 * HALF_CIRCLE):
+        outer, *holes = [ring + np.array([turn, 0.0]) for ring in degrees]
+        sides.append(shapely.intersection(shapely.polygons(outer, holes=holes or None), world))
+    found = [part for part in shapely.get_parts(sides) if part.geom_type == "Polygon" and not part.is_empty]
+    return [
+        [np.round(shapely.get_coordinates(ring), 7).tolist() for ring in (part.exterior, *part.interiors)]
+        for part in shapely.orient_polygons(found)
+    ]
 
 
 def _swapped(town: Town) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sidestep.network.contours import Raster, Samples, ring_area
+from sidestep.network.polygons import in_degrees
 from sidestep.network.snapping import SplitStreets
 from sidestep.network.town import Town
 from sidestep.planners.base import Planner
@@ -184,6 +185,7 @@ class LocatedInTown(Located):
 
     def outlines(self, walks: Sequence[OnSegments], limits: Float[np.ndarray, " limit"]) -> list[list[Outline]]:
         town, samples, (origin, *_) = self.town, samples_of(self.town), self.ends
+        plane = town.projection
         reached = [samples.reached(self.streets, *walk) for walk in walks]
         inside = samples.xy[np.min(reached, axis=0) <= limits.max()]
         here = town.project(np.array([[origin.longitude, origin.latitude]], float))
@@ -195,7 +197,7 @@ class LocatedInTown(Located):
             metres = float(samples.metres[seconds <= limit].sum())
             areas = raster.areas(around, limit, FREE_SPEED)
             square = sum(ring_area(ring) for rings in areas for ring in rings)
-            degrees = [[np.round(town.projection.unproject(ring), 7).tolist() for ring in rings] for rings in areas]
+            degrees = [polygon for rings in areas for polygon in in_degrees(rings, plane)]
             return Outline(metres / 1000, square / 10_000, degrees)
 
         around = [raster.seconds(seconds, FREE_SPEED) for seconds in reached]
