@@ -144,6 +144,8 @@ def test_formats_that_are_said(read: Read) -> None:
         ("25/02/2024 {hour}:00", "dd/mm", "date_format"),
         ("30/02/2024 {hour}:00", "", "time"),
         ("25/02/2024 {hour}:61", "", "time"),
+        ("9999-12-31 {hour}:00", "", "time"),
+        ("0024-12-31 {hour}:00", "", "time"),
         ("25 marraskuu 2024 {hour}:00", "", "time"),  # November, which is no March
     ):
         with pytest.raises(CountsError) as caught:
@@ -514,6 +516,20 @@ def test_units_totals_and_remarks_are_skipped_and_said(read: Read, above: list[s
     assert series(table) == {"a": [1] * 5, "b": [2] * 5}
     number = len(above) + sum(map(bool, below))
     assert f"lines of units, totals and remarks skipped: {number}" in table.understood
+
+
+@pytest.mark.parametrize(
+    ("head", "cells"),
+    [
+        (",a", "{time},{hour}"),  # as pandas writes an index, of times or numbers
+        (",time,a", "{hour},{time},{hour}"),
+        ("Unnamed: 0,time,a", "{hour},{time},{hour}"),
+        ("start,end,a", "{time},2024-03-05T00:00,{hour}"),
+    ],
+)
+def test_columns_beside_counts(read: Read, head: str, cells: str) -> None:
+    table = read(rows(head, (cells.format(time=f"2024-03-04 {hour:02}:00", hour=hour) for hour in FIVE)))
+    assert series(table) == {"a": [*FIVE]}
 
 
 def test_a_sensor_may_be_called_total(read: Read) -> None:

@@ -16,6 +16,11 @@ def like_data(cell: str) -> bool:
     return _NUMBER_OR_TIME.fullmatch(cell) is not None
 
 
+def like_time(cell: str) -> bool:
+    """Whether a cell has a date or a time of the day."""
+    return _TIME.fullmatch(cell) is not None
+
+
 def is_aside(cells: Sequence[str]) -> bool:
     """Tell whether a line is about the table and not one of its rows.
 
@@ -33,5 +38,5 @@ def is_aside(cells: Sequence[str]) -> bool:
         return False
     filled = [cell for cell in cells if cell]
     if plain(filled[0]) in TOTAL_LINES:
-        return not any(map(_TIME.fullmatch, filled))
+        return not any(map(like_time, filled))
     return not any(map(like_data, filled))

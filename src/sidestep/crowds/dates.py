@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 HOUR, DAY = 3600, 86400
 DAY_FIRST, MONTH_FIRST = "day-first", "month-first"
+FIRST_YEAR, LAST_YEAR = 1900, 2200
+"""Years in which people may have been counted; others are mistyped, and calendars and timezones end somewhere."""
 _EPOCH = date(1970, 1, 1).toordinal()
 
 _MONTHS = (
@@ -193,6 +195,8 @@ def _days(
             hint = "has a year of two digits; give --date-format, such as '%d/%m/%y %H:%M'"
             sheet.refuse_any(name, cells, short, hint)
         numbers[:, 0] += 2000 * (numbers[:, 0] < 100)
+    strange = (numbers[:, 0] < FIRST_YEAR) | (numbers[:, 0] > LAST_YEAR)
+    sheet.refuse_any(name, cells, strange[cells.code], f"is not in the years {FIRST_YEAR} to {LAST_YEAR}")
     days = [_ordinal(*each) for each in numbers.tolist()]
     sheet.refuse_any(name, cells, np.array([day is None for day in days])[cells.code], "is no day of the calendar")
     return np.array([day for day in days if day is not None], np.int64) - _EPOCH, understood

@@ -182,12 +182,15 @@ def roles_of(sheet: Sheet, layout: Layout) -> Roles:
         used = {*when, *sensor, *counts, direction}
         unused = tuple(name for name in sheet.names if name not in used)
         return Roles(when, sensor, {"": counts}, direction, unused)
-    wide = [name for name in sheet.names if name in free and name not in when]
+    wide, times = _split_by(
+        lambda name: holds(sheet.first[name], layout.date_format) not in ("time", "date"),
+        [name for name in sheet.names if name in free and name not in when],
+    )
     sensors, left_out = _wide(wide, Path(sheet.source).stem)
     if not sensors:
         said = f"no column of counts beside {_listed(when)}; give one for each sensor"
         raise sheet.error(f"{sheet.source}: {said}", field=when[0])
-    return Roles(when, (), sensors, "", (*left_out, *named.get("ignore", ())))
+    return Roles(when, (), sensors, "", (*left_out, *times, *named.get("ignore", ())))
 
 
 def _check_named(sheet: Sheet, layout: Layout) -> dict[str, tuple[str, ...]]:

@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from reprlib import repr as quoted
 from typing import Any
@@ -17,11 +18,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
-from sidestep.crowds.asides import is_aside, like_data
+from sidestep.crowds.asides import is_aside, like_data, like_time
 from sidestep.crowds.columns import check_names, check_rows, decoded
 from sidestep.errors import SidestepError
 
 DELIMITERS = (";", "\t", "|", ",")
+_Row = tuple[int, list[str], str]  # line number, cells and text
 _SAMPLE = 200  # lines that show what the header is
 _CHUNK = 500_000  # rows that are in memory as text
 # "March 04, 2024" without quotes in a file with commas between columns, as Melbourne publishes.
@@ -150,12 +152,15 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
         names.pop()
     if not names:
         raise error(f"{path}: no header and no rows")
+    rows, begin = _peeked(rows)
+    if not names[0] and len(names) > 1:  # as pandas writes an index
+        names[0] = "time" if like_time(begin) else "index"
     check_names(path, names, error, header + 1)
     kept: list[str] = []
     numbers: list[int] = []
     width = len(names)
     first = dict.fromkeys(names, "")
-    waiting: list[tuple[int, list[str], str]] = []  # no rows, unless one comes after them
+    waiting: list[_Row] = []  # no rows, unless one comes after them
     aside = 0
     for row in rows:
         if is_aside(row[1]):
@@ -178,9 +183,13 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
     return Sheet(str(path), tuple(names), delimiter, skipped, aside, np.array(numbers), body, width, first, error)
 
 
-def _rows(
-    path: Path, lines: list[str], header: int, delimiter: str, error: type[SidestepError]
-) -> Iterator[tuple[int, list[str], str]]:
+def _peeked(rows: Iterator[_Row]) -> tuple[Iterator[_Row], str]:
+    """The same rows, and the first cell of the first one."""
+    first = list(islice(rows, 1))
+    return chain(first, rows), first[0][1][0] if first else ""
+
+
+def _rows(path: Path, lines: list[str], header: int, delimiter: str, error: type[SidestepError]) -> Iterator[_Row]:
     """Line number, cells and text of each row that is not blank, from the header on."""
     blank = f' \t"{delimiter}'
     if not any('"' in line for line in lines[header:]):  # most files; splitting is much faster
