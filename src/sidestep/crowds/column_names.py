@@ -30,8 +30,8 @@ COUNTS = _in_order(
 LATITUDES, LONGITUDES = _names("latitude lat breitengrad"), _names("longitude lon lng long längengrad")
 DIRECTIONS = _names("direction directionname dir richtung sens suunta riktning sentido")
 NEVER_COUNTED = _names(
-    "id index unnamed0 objectid rowid fid year month mdate day week weekday dayofweek dow dayname quarter hour wochentag jahr "
-    "monat temperature temp rain rainfall precipitation humidity"
+    "id index unnamed0 objectid rowid fid year month mdate day week weekday dayofweek dow dayname quarter hour "
+    "wochentag jahr monat temperature temp rain rainfall precipitation humidity"
 )
 """Columns of a wide table that are no sensors."""
 PAIRS = (

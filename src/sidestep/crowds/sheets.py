@@ -146,16 +146,7 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
     lines = text.rstrip("\n").split("\n")
     delimiter, header = _header(lines, known)
     rows = _rows(path, lines, header, delimiter, error)
-    _, names, _ = next(rows, (0, [], ""))
-    names = [" ".join(name.split()) for name in names]
-    while names and not names[-1]:
-        names.pop()
-    if not names:
-        raise error(f"{path}: no header and no rows")
-    rows, begin = _peeked(rows)
-    if not names[0] and len(names) > 1:  # as pandas writes an index
-        names[0] = "time" if like_time(begin) else "index"
-    check_names(path, names, error, header + 1)
+    names, rows = _names(path, rows, header + 1, error)
     kept: list[str] = []
     numbers: list[int] = []
     width = len(names)
@@ -183,10 +174,19 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
     return Sheet(str(path), tuple(names), delimiter, skipped, aside, np.array(numbers), body, width, first, error)
 
 
-def _peeked(rows: Iterator[_Row]) -> tuple[Iterator[_Row], str]:
-    """The same rows, and the first cell of the first one."""
+def _names(path: Path, rows: Iterator[_Row], line: int, error: type[SidestepError]) -> tuple[list[str], Iterator[_Row]]:
+    """The names in the header, which is the first of the rows, and the other rows."""
+    _, cells, _ = next(rows, (0, [], ""))
+    names = [" ".join(name.split()) for name in cells]
+    while names and not names[-1]:
+        names.pop()
+    if not names:
+        raise error(f"{path}: no header and no rows")
     first = list(islice(rows, 1))
-    return chain(first, rows), first[0][1][0] if first else ""
+    if not names[0] and first and len(names) > 1:  # as pandas writes an index
+        names[0] = "time" if like_time(first[0][1][0]) else "index"
+    check_names(path, names, error, line)
+    return names, chain(first, rows)
 
 
 def _rows(path: Path, lines: list[str], header: int, delimiter: str, error: type[SidestepError]) -> Iterator[_Row]:
