@@ -247,6 +247,9 @@ def test_unreadable_and_invalid_coordinates(osm, tee, tmp_path) -> None:
     with pytest.raises(OsmError, match="damaged") as caught:
         import_osm(path)
     assert str(caught.value).startswith(str(path))
+    path.write_text(osm(*tee).replace('<nd ref="1"/>', '<nd ref="1" lat="0" lon="east"/>'), encoding="utf-8")
+    with pytest.raises(OsmError, match="damaged"):
+        import_osm(path)
     path.write_text(osm(*tee).replace('lat="0.0000000"', 'lat="95"', 1), encoding="utf-8")
     # Invalid coordinates count as missing: 1 goes, and with it 1-2.
     assert import_osm(path, merge=0)[0].streets == 1

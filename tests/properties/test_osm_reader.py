@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import osmium
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -247,6 +247,21 @@ def test_truncated_and_mutated(folder, valid, suffix: str, changes, cut: int | N
 def test_mutated_before_packing(folder, valid, changes) -> None:
     """What the checksum of a .gz file would catch, had it not been made of the damaged file."""
     sound_or_rejected(folder / "packed.osm.gz", gzip.compress(changed(valid[".osm"].read_bytes(), changes), 1))
+
+
+OVERPASS = b"""<osm version="0.6"><way id="1"><center lat="0" lon="0"/><nd ref="1" lat="0" lon="-0.001"/>
+<nd ref="2" lat="0" lon="0"/><tag k="highway" v="footway"/></way><way id="2"><nd ref="3" lat="0.001" lon="0.001"/>
+<nd ref="4" lat="0.001" lon="0.002"/><tag k="highway" v="footway"/></way><relation id="3"><member type="way" ref="5"
+role="outer"><nd lat="0" lon="0"/><nd lat="0" lon="0.001"/><nd lat="0.001" lon="0.001"/><nd lat="0" lon="0"/></member>
+<tag k="type" v="multipolygon"/><tag k="highway" v="pedestrian"/></relation></osm>"""
+
+
+@settings(max_examples=60)
+@given(changes=CHANGES)
+@example(changes=[])
+def test_mutated_members(folder, changes) -> None:
+    """Ways that stand in relations alone, as Overpass writes them."""
+    sound_or_rejected(folder / "overpass.osm", changed(OVERPASS, changes))
 
 
 @settings(max_examples=150)

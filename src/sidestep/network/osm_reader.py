@@ -58,19 +58,24 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
         kind = packed_format(kind, begins)
         xml = None if kind == "pbf" else rewritten_xml(path)
         file = osmium.io.File(str(path.resolve()), kind) if xml is None else osmium.io.FileBuffer(xml, "osm")
-        relations = _read_relations(file)
-        extract, latest = _read_ways(file, widths, relations, None)
-        if latest is not None:
-            extract, _ = _read_ways(file, widths, relations, latest)
-        _add_relations(extract, relations, widths)
-        if not extract.ways.counts and not extract.areas.counts:
-            found = f"none of its {extract.read:,} highways is walkable" if extract.read else "it holds no highways"
-            raise OsmError(f"no streets for walkers: {found}")
         try:
-            _read_nodes(file, extract)
+            return _read(file, widths)
         except osmium.InvalidLocationError as error:
             raise OsmError(f"it is damaged: {error}") from error
-        return extract
+
+
+def _read(file: Any, widths: Mapping[str, float]) -> Extract:
+    """Read relations, ways and nodes."""
+    relations = _read_relations(file)
+    extract, latest = _read_ways(file, widths, relations, None)
+    if latest is not None:
+        extract, _ = _read_ways(file, widths, relations, latest)
+    _add_relations(extract, relations, widths)
+    if not extract.ways.counts and not extract.areas.counts:
+        found = f"none of its {extract.read:,} highways is walkable" if extract.read else "it holds no highways"
+        raise OsmError(f"no streets for walkers: {found}")
+    _read_nodes(file, extract)
+    return extract
 
 
 @dataclass(eq=False)
