@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 
 from sidestep.crowds.column_names import TOTAL_LINES, plain
 
@@ -11,6 +12,7 @@ _NUMBER_OR_TIME = re.compile(
 _TIME = re.compile(r".*(?:\d{4}[-/.]\d{1,2}[-/.]\d|\d[-/.]\d{1,2}[-/.]\d|(?:19|20)\d{6}|\d:\d\d|\d[ -]?[^\W\d]{3}).*")
 
 
+@lru_cache(maxsize=65536)  # tables repeat the same few numbers and names
 def like_data(cell: str) -> bool:
     """Whether a cell has a number, a date or a time of the day, and is no name."""
     return _NUMBER_OR_TIME.fullmatch(cell) is not None
@@ -34,9 +36,16 @@ def is_aside(cells: Sequence[str]) -> bool:
     bool
         Whether it has neither numbers nor times, or has sums or means but no time.
     """
-    if cells[0][:1].isdigit():  # most rows of most files
+    first, last = cells[0], cells[-1]
+    if first[:1].isdigit():  # most rows of most files
         return False
-    filled = [cell for cell in cells if cell]
-    if plain(filled[0]) in TOTAL_LINES:
-        return not any(map(like_time, filled))
-    return not any(map(like_data, filled))
+    if _begins_totals(first or next(filter(None, cells))):
+        return not any(map(like_time, cells))
+    if last.isdigit():  # most others
+        return False
+    return not any(map(like_data, reversed(cells)))
+
+
+@lru_cache(maxsize=65536)
+def _begins_totals(cell: str) -> bool:
+    return plain(cell) in TOTAL_LINES
