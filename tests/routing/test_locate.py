@@ -9,7 +9,7 @@ import pytest
 from sidestep.errors import SidestepError
 from sidestep.network.snapping import Snapper, split_streets
 from sidestep.planners.shortest_path import distances_to
-from sidestep.routing.locate import SPARE_NODES, SPARE_SEGMENTS, Circumstances, check_connected, locator, padded
+from sidestep.routing.locate import SPARE_NODES, SPARE_SEGMENTS, Circumstances, connected, locator, padded
 from sidestep.routing.located import FUTURES, Located
 from sidestep.routing.request import read_departure
 from sidestep.scenarios.builtin import scenario
@@ -24,8 +24,7 @@ QUAY_COUNT = 4824
 def located(problem: Scenario, origin=0, destination=1, depart=NOON, **more) -> Located:
     ends = [("origin", origin), ("destination", destination)]
     found = locator(problem, draw_map(problem, 0)).locate(ends, Circumstances(depart=depart, **more))
-    check_connected(found)
-    return found
+    return connected(found)
 
 
 @pytest.mark.parametrize(

@@ -92,13 +92,18 @@ def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Locator:
     return TownLocator(scenario, scenario_map, scenario.place)
 
 
-def check_connected(located: Located) -> None:
-    """Refuse a route between two ends that no path connects.
+def connected(located: Located) -> Located:
+    """Refuse a route between two ends that no path connects, and leave out streets from which none leads on.
 
     Parameters
     ----------
     located
         With origin and destination as its ends.
+
+    Returns
+    -------
+    Located
+        The same where all streets lead to the destination.
 
     Raises
     ------
@@ -109,9 +114,13 @@ def check_connected(located: Located) -> None:
     if origin.node == destination.node and not located.may_stay:
         said = f"{origin.asked} and {destination.asked} are the same place on these streets; choose two"
         raise RouteError(said, field="destination")
-    away = distances_to(network, np.asarray(network.length), destination.node)
-    if math.isfinite(away[origin.node]):
-        return
+    lost = ~np.isfinite(distances_to(network, np.asarray(network.length), destination.node))
+    if not lost[origin.node]:
+        # Streets of other programs have some, and those around an area to avoid: walkers must not stray there.
+        astray = ~lost[np.asarray(network.tail)] & lost[np.asarray(network.head)]
+        if not astray.any():
+            return located
+        return replace(located, scenario_map=replace(located.scenario_map, network=network.without(astray)))
     if located.facts.avoided_streets:
         said = f"no path leads from {origin.asked} to {destination.asked} around the area to avoid; make it smaller"
         raise RouteError(said, field="avoid")

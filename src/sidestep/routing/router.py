@@ -11,7 +11,7 @@ from sidestep.planners.time_dependent import Expected
 from sidestep.routing.crowds import StreetCrowds, street_crowds
 from sidestep.routing.departures import DepartureWindow, departure_window, latest_departure
 from sidestep.routing.isochrone import Isochrone, isochrone
-from sidestep.routing.locate import Circumstances, check_connected, locator
+from sidestep.routing.locate import Circumstances, connected, locator
 from sidestep.routing.located import Located
 from sidestep.routing.matrix import Places, TimeMatrix, read_places, time_matrix
 from sidestep.routing.plan import RoutePlan
@@ -293,9 +293,7 @@ class Router:
 
     def _between(self, origin: Place | None, destination: Place | None, given: Circumstances) -> Located:
         """Locate a walk from one place to another, which a path must connect."""
-        located = self._locate.locate([("origin", origin), ("destination", destination)], given)
-        check_connected(located)
-        return located
+        return connected(self._locate.locate([("origin", origin), ("destination", destination)], given))
 
     def _search(self, planner: Planner | str | None) -> Planner:
         """Find who searches the paths to everywhere.

@@ -283,7 +283,7 @@ def _with_sensors(found: Scenario) -> Scenario:
     """Name the sensors that are meant where none are named.
 
     Those that are known to stand in this town stand there. Where there are none, or sensors are to stand on several
-    streets, all are paired; of Auckland's, those whose cameras were not exchanged.
+    streets, all are paired; of Auckland's, those whose cameras were not exchanged, as far as there are streets.
 
     Returns
     -------
@@ -295,9 +295,11 @@ def _with_sensors(found: Scenario) -> Scenario:
             from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
             from sidestep.scenarios.streets import town_of
 
-            sensors = AUCKLAND_SENSORS if source.file == "auckland" else ()
+            town = town_of(venue.streets)
+            room = max(town.streets // source.streets_per_sensor, 1)
+            sensors = AUCKLAND_SENSORS[:room] if source.file == "auckland" else ()
             if source.streets_per_sensor == 1:
-                sensors = standing_sensors(counts_of(source.file, venue.layout), town_of(venue.streets)) or sensors
+                sensors = standing_sensors(counts_of(source.file, venue.layout), town) or sensors
             return found.changed(sensors=sensors)
         case _:
             return found
