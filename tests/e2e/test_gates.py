@@ -13,6 +13,8 @@ from sidestep.network.formats import load_town, save_town
 from sidestep.network.town import Town
 from sidestep.planners.base import Planner
 from sidestep.routing.router import Router
+from sidestep.scenarios.episodes import check_paths
+from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import WORDS
 from sidestep.scenarios.reader import load_scenario
 
@@ -89,9 +91,14 @@ def test_streets_for_those_who_have_an_end_there(venue, block) -> None:
 
 def test_a_street_that_is_never_open_is_no_way(venue, make_town) -> None:
     town = make_town([(0, 0), (100, 0), (200, 0)], [(0, 1), (1, 2)], opening=("", "off"))
-    with pytest.raises(SidestepError) as caught:
-        load_scenario(venue("off", town))
-    assert caught.value.field == "place.destinations"
+    scenario = load_scenario(venue("off", town))
+    for refused, field in (
+        (lambda: Router(scenario).plan(0, 2), "destination"),
+        (lambda: check_paths(draw_map(scenario, 0)), None),
+    ):
+        with pytest.raises(SidestepError) as caught:
+            refused()
+        assert caught.value.field == field
 
 
 def test_times_to_many_places_just_before_a_gate_shuts(venue, make_town) -> None:
@@ -105,6 +112,28 @@ def test_times_to_many_places_just_before_a_gate_shuts(venue, make_town) -> None
             minutes = pytest.approx(far / 1.34 / 60, abs=0.01)
             assert router.plan(0, 2, depart=depart).expected_minutes == minutes
             assert router.matrix([0], [2], depart=depart).minutes == [[minutes]]
+
+
+def test_one_waits_once_for_each_street(venue, make_town) -> None:
+    # 500 m behind one gate; whoever comes in time walks on past places in the middle after it has shut.
+    town = make_town([(0, 0), (100, 0), (600, 0), (700, 0)], [(0, 1), (1, 2), (2, 3)], opening=("", OPEN, ""))
+    scenario = load_scenario(venue("long", town))
+    first, second = ((0, x / 111_195.08) for x in (200, 500))
+    far = [700 / 1.34 / 60, 500 / 1.34 / 60, 200 / 1.34 / 60]
+    for objective in ("time", "distance"):
+        router = Router(scenario.changed(objective=WORDS[objective]))
+        found = router.matrix([0, first, second], [3], depart="Sat 21:58")
+        assert [row[0] for row in found.minutes] == pytest.approx(far, abs=0.01)
+        found = router.matrix([first], [second, 3], depart="Sat 22:00")  # shut where they begin, until the horizon
+        assert found.minutes == [[None, None]]
+        for origin, minutes in zip((0, first, second), far, strict=True):
+            plan = router.plan(origin, 3, depart="Sat 21:58", futures=2)
+            assert (plan.expected_minutes, plan.arrival_rate) == (pytest.approx(minutes, abs=0.01), 1)
+        minutes = router.plan(first, 3, depart="Sun 05:50").expected_minutes
+        assert minutes == pytest.approx(10 + far[1], abs=0.01)
+    # Reach is measured on both pieces of the street.
+    area, _ = router.isochrone(first, minutes=[5, 12.5], depart="Sun 05:50").areas
+    assert area.kilometres == 0
 
 
 def test_a_deadline_just_after_a_gate_opens(venue, make_town) -> None:

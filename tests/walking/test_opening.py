@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -76,11 +77,15 @@ def test_where_all_is_open_nothing_changes() -> None:
         assert waits.until_open(jnp.float32(3), jnp.arange(2), jnp.zeros(2)).tolist() == [0, 0]
 
 
-def test_every_piece_of_a_street_has_its_gate() -> None:
+def test_walks_wait_once_for_each_street() -> None:
     waits = with_opening_times(light(4), TIMES)
     pieces = waits.on_pieces(jnp.array([PARK, PARK, ALWAYS]), jnp.array([True, False, False]))
     # At clock 60 s it opens, and the light, on the first piece alone, is red for 30 s more.
-    assert [seconds(pieces, piece, 6 - 60 / 3600) for piece in range(3)] == [90, 60, 0]
+    assert [seconds(pieces, piece, 6 - 60 / 3600) for piece in range(3)] == [90, 0, 0]
+    # Who begins on the second one waits there.
+    begun = pieces.begun_on(np.array([False, True, True]))
+    assert [seconds(begun, piece, 6 - 60 / 3600) for piece in range(3)] == [90, 60, 0]
+    assert waits.begun_on(np.ones(3, bool)) is waits  # in streets that are whole
 
 
 def test_never_open() -> None:

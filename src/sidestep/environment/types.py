@@ -1,11 +1,13 @@
 """The types of the environment. All are of one walker; ``jax.vmap`` makes many."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.network.graph import RoadNetwork
@@ -149,6 +151,10 @@ class EnvParams(eqx.Module):
     def gates_in(self, future: Int[Array, ""]) -> Wait:
         """How much of that they wait until segments open."""
         return partial(self.waits.until_open, self.futures.hour[future])
+
+    def begun_at(self, node: int) -> "EnvParams":
+        """The same for walks that begin at a node, which may be in the middle of a street."""
+        return replace(self, waits=self.waits.begun_on(np.asarray(self.network.tail) == node))
 
     def expected_for(self, future: Int[Array, "*n"]) -> Int[Array, "*n"]:
         """Number of the expected crowds that belong to one of the futures."""

@@ -213,36 +213,42 @@ class Paths:
         Reach
             The walks.
         """
-        reach = self._searched(node, self._alone)
+        reach = self._searched(node, self.network)
         area_of = np.full(self.network.nodes, ABSENT) if self.network.area is None else np.asarray(self.network.area)
         areas = np.unique(area_of if ends is None else area_of[np.asarray(ends)])
         prune = not (self._by_length or self._alone.objective.needs_density)
         for area in reach.short_cuts(areas[areas >= 0], prune=prune):
-            network = self.network.opened(area)
-            again = self._searched(node, replace(self._alone, network=network))
+            again = self._searched(node, self.network.opened(area))
             seconds = {
                 share: np.where(area_of == area, again.seconds[share], found) for share, found in reach.seconds.items()
             }
             reach = replace(reach, seconds=seconds, again=(*reach.again, (area, again)))
         return reach
 
-    def _searched(self, node: int, alone: EnvParams) -> "Reach":
-        """The walks by one search, through the expected crowds of ``alone``."""
+    def _searched(self, node: int, network: RoadNetwork) -> "Reach":
+        """The walks by one search, on streets that may be open to more."""
+        params, alone = (each.begun_at(node) for each in (self._params, replace(self._alone, network=network)))
         origin, departure = jnp.int32(node), jnp.float32(self._clock)
         via, order, expected = _paths_from(alone, origin, departure, by_length=self._by_length)
         seconds: dict[float | None, Float[np.ndarray, " node"]] = {None: np.asarray(expected, np.float64) - self._clock}
         if len(self.shares) > 1:
-            walked = np.asarray(_arrivals_along(self._params, via, order, origin, departure), np.float64) - self._clock
+            walked = np.asarray(_arrivals_along(params, via, order, origin, departure), np.float64) - self._clock
             goes = np.isfinite(walked).all(axis=1)
             for share, row in zip((0.5, 0.9), np.quantile(walked[goes], (0.5, 0.9), axis=1), strict=True):
                 seconds[share] = np.full(len(walked), np.inf)
                 seconds[share][goes] = row
-        return Reach(
-            self, np.asarray(via), {share: np.where(s <= self._horizon, s, np.inf) for share, s in seconds.items()}
-        )
+        within = {share: np.where(each <= self._horizon, each, np.inf) for share, each in seconds.items()}
+        return Reach(self, node, np.asarray(via), within)
 
-    def lasting(self, begins: Float[np.ndarray, " segment"]) -> Float[np.ndarray, "2 segment"]:
-        """Seconds that segments take if crowds are as expected, come to so many seconds after the departure.
+    def lasting(self, node: int, begins: Float[np.ndarray, " segment"]) -> Float[np.ndarray, "2 segment"]:
+        """Seconds that segments take if crowds are as expected.
+
+        Parameters
+        ----------
+        node
+            Where walks begin.
+        begins
+            When they come to each segment, in seconds after the departure.
 
         Returns
         -------
@@ -250,7 +256,7 @@ class Paths:
             The wait before each, and all of the time.
         """
         clock = self._clock + np.where(np.isfinite(begins), begins, 0.0)
-        return np.asarray(_lasting(self._alone, jnp.asarray(clock, jnp.float32)), np.float64)
+        return np.asarray(_lasting(self._alone.begun_at(node), jnp.asarray(clock, jnp.float32)), np.float64)
 
     @property
     def network(self) -> RoadNetwork:
@@ -263,6 +269,8 @@ class Reach:
     """The walks from one node to all others."""
 
     paths: Paths
+    node: int
+    """Where they begin."""
     via: Int[np.ndarray, " node"]
     """The last segment of the path to each node; -1 where there is none."""
     seconds: dict[float | None, Float[np.ndarray, " node"]]
@@ -314,7 +322,7 @@ class Reach:
         begins = np.full(network.segments, np.inf)
         walked = np.asarray(network.exit_segment)[np.asarray(network.valid)]
         begins[walked] = reached[tail[walked]]
-        waits, lasts = self.paths.lasting(begins)
+        waits, lasts = self.paths.lasting(self.node, begins)
         # Along the paths, nodes and the streets between them must agree.
         on_path = (self.via[head] == np.arange(network.segments)) & np.isfinite(reached[head])
         seconds = np.where(

@@ -142,7 +142,7 @@ class Walker:
             destinations=np.array([[located.ends[1].node]]),
             hours=located.hours,
             densities=True,
-        )
+        ).begun_at(located.ends[0].node)
         self.alone = as_expected(self.params)
         self.density = np.asarray(self.params.expected.of(jnp.int32(0)).known_density)
 

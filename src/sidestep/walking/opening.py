@@ -1,6 +1,7 @@
 """Waiting before streets that are shut at times, such as parks at night, until they open.
 
-The clock at entry decides: who comes in time walks to the end. Nobody who comes later leaves earlier (FIFO), since
+The clock at entry decides: who comes in time walks to the end. Who begins a walk in the middle of a street waits there:
+nobody knows where along it the gate is. Nobody who comes later leaves earlier (FIFO), since
 everybody who waits leaves as the street opens. Waits are exact to the second: opening times are known by the minute.
 """
 
@@ -17,6 +18,8 @@ from sidestep.network.opening_hours import WEEK, OpenMinutes, open_minutes
 from sidestep.walking.waits import HOUR, Clocks, NoWaits, Scalar, Segments, Waits
 
 MINUTE = 60
+ALWAYS = 0
+"""The timetable of what is always open."""
 
 
 class OpeningTimes(eqx.Module):
@@ -31,6 +34,8 @@ class OpeningTimes(eqx.Module):
     """Which of these each segment has."""
     traffic: Waits | NoWaits
     """What walkers wait for where the street is open."""
+    inside: Int[Array, " segment"] | None = None
+    """Those of the street of each piece; None where no streets are split."""
 
     def until_open(self, hour: Scalar, segment: Segments, clock: Clocks) -> Clocks:
         """Time until segments open.
@@ -63,8 +68,16 @@ class OpeningTimes(eqx.Module):
         return replace(self, traffic=self.traffic.averaged())
 
     def on_pieces(self, parent: Int[Array, " piece"], first: Bool[Array, " piece"]) -> "OpeningTimes":
-        """The same on pieces of the segments. Each has the opening times of its street: the gate may be on any."""
-        return replace(self, timetable=self.timetable[parent], traffic=self.traffic.on_pieces(parent, first))
+        """The same on pieces of the segments; only the first piece of each has a gate, or walks would wait twice."""
+        inside = self.timetable[parent]
+        timetable, traffic = jnp.where(first, inside, ALWAYS), self.traffic.on_pieces(parent, first)
+        return replace(self, timetable=timetable, inside=inside, traffic=traffic)
+
+    def begun_on(self, segments: Bool[np.ndarray, " segment"]) -> "OpeningTimes":
+        """The same for walks that begin where these segments do: each of them has a gate."""
+        if self.inside is None:
+            return self
+        return replace(self, timetable=jnp.where(segments, self.inside, self.timetable))
 
     def with_fixed(self, seconds: Float[Array, " segment"]) -> "OpeningTimes":
         """The same with so many seconds more before segments, always."""

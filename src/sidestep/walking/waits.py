@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 HOUR, DAY_HOURS = 3600.0, 24
@@ -73,6 +74,10 @@ class NoWaits(eqx.Module):
         return self
 
     def on_pieces(self, _parent: Int[Array, " piece"], _first: Bool[Array, " piece"]) -> "NoWaits":
+        """The same."""
+        return self
+
+    def begun_on(self, _segments: Bool[np.ndarray, " segment"]) -> "NoWaits":
         """The same."""
         return self
 
@@ -159,6 +164,10 @@ class Waits(eqx.Module):
         timing = (self.cycle[parent], self.green[parent], self.offset[parent])
         fixed = None if self.fixed is None else self.fixed[parent] * first
         return Waits(lights, unsignalised, *timing, self.vehicles, self.critical_gap, self.phases, fixed)
+
+    def begun_on(self, _segments: Bool[np.ndarray, " segment"]) -> "Waits":
+        """The same: lights and traffic are where streets begin."""
+        return self
 
     def with_fixed(self, seconds: Float[Array, " segment"]) -> "Waits":
         """The same with so many seconds more before segments, always."""
