@@ -114,6 +114,16 @@ def test_times_to_many_places_just_before_a_gate_shuts(venue, make_town) -> None
             assert router.matrix([0], [2], depart=depart).minutes == [[minutes]]
 
 
+@pytest.mark.parametrize("planner", ["greedy-map", "forecast"])
+@pytest.mark.parametrize(("north", "depart", "far"), [(67, "Sat 21:57", 268), (150, "Sat 21:58:25", 402.3)])
+def test_gates_that_shut_within_a_slot(venue, make_town, planner: str, north: int, depart: str, far: float) -> None:
+    # 100 s to a gate, and as long on; or round it. A slot begins at the departure.
+    corners = [(0, 0), (134, 0), (268, 0), (134, north)]
+    town = make_town(corners, [(0, 1), (1, 2), (0, 3), (3, 2)], opening=("", OPEN, "", ""))
+    router = Router(load_scenario(venue(f"slot-{north}", town)))
+    assert router.plan(0, 2, depart=depart, planner=planner).metres == pytest.approx(far, abs=0.1)
+
+
 def test_one_waits_once_for_each_street(venue, make_town) -> None:
     # 500 m behind one gate; whoever comes in time walks on past places in the middle after it has shut.
     town = make_town([(0, 0), (100, 0), (600, 0), (700, 0)], [(0, 1), (1, 2), (2, 3)], opening=("", OPEN, ""))

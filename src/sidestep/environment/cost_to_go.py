@@ -7,6 +7,7 @@ which a short iteration settles. Exact where speeds do not change.
 The levels ``map`` and ``live`` look such costs up; they are worked out before walkers set out.
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -30,6 +31,8 @@ BEYOND = 1e5
 """Cost in s above which it ends below a share of the cost, 1 s for as many seconds."""
 WINDOW = 24
 """Slots that a forecast looks ahead; beyond, crowds are taken to be as expected."""
+GATE_STEP = 60.0
+"""Seconds between the clocks for which costs are tabulated where they jump as gates shut."""
 Destination = Bool[Array, " node"]
 """Nodes of the destination; the nearest one counts."""
 Ahead = Callable[[Float[Array, " counter"], Float[Array, ""], Int[Array, ""]], SpeedField]
@@ -156,6 +159,11 @@ def at_clock(
     return (1 - part) * table[(*which, slot, node)] + part * table[(*which, jnp.minimum(slot + 1, last), node)]
 
 
+def gate_steps(params: EnvParams, slot_seconds: float, step: float = GATE_STEP) -> int:
+    """In how many steps of a slot costs to go are tabulated: in one where there are no gates."""
+    return math.ceil(slot_seconds / step) if params.waits.gates else 1
+
+
 def field_cost_to_go(
     params: EnvParams, speeds: SpeedField, wait: Wait, destination: Destination, *, every: int = 1
 ) -> Float[Array, "step node"]:
@@ -204,18 +212,20 @@ def expected_cost_to_go(
     ExpectedCostToGo
         A table for each destination.
     """
+    every = gate_steps(params, params.expected.slot_seconds)
 
-    def tables(expected: Speeds) -> Float[Array, "destination slot node"]:
-        def one(number: Int[Array, ""]) -> Float[Array, "slot node"]:
+    def tables(expected: Speeds) -> Float[Array, "destination step node"]:
+        def one(number: Int[Array, ""]) -> Float[Array, "step node"]:
             wait = partial(params.waits.averaged().seconds, hours[number], jnp.float32(0))
-            return field_cost_to_go(params, expected.of(number % expected.count), wait, destinations[number])
+            field = expected.of(number % expected.count)
+            return field_cost_to_go(params, field, wait, destinations[number], every=every)
 
         return jax.lax.map(one, jnp.arange(len(destinations)))
 
     expected = params.expected
     scaled = tables(expected.scaled(DENSITY_SCALE)) if expected.interpolated else None
     number = jnp.where(destinations.any(axis=0), jnp.argmax(destinations, axis=0), ABSENT)
-    return ExpectedCostToGo(tables(expected), number.astype(jnp.int32), scaled)
+    return ExpectedCostToGo(tables(expected), number.astype(jnp.int32), scaled, every)
 
 
 def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counter"], ahead: Ahead) -> LiveCostToGo:
@@ -248,29 +258,32 @@ def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counte
 
     forecast, snapshot = jax.lax.map(one, jnp.arange(speeds.count * speeds.slots))
     shape = (speeds.count, speeds.slots)
-    return LiveCostToGo(forecast.reshape(*shape, 2, -1), snapshot.reshape(*shape, -1))
+    return LiveCostToGo(forecast.reshape(*shape, *forecast.shape[1:]), snapshot.reshape(*shape, -1))
 
 
 def _forecast(
     params: EnvParams, speeds: SpeedField, future: Int[Array, ""], slot: Int[Array, ""]
-) -> Float[Array, "2 segment"]:
-    """Cost to a future's destination over each segment, entered as the slot begins and as it ends.
+) -> Float[Array, "step segment"]:
+    """Cost to a future's destination over each segment, entered as each step of the slot begins, and as it ends.
 
     Returns
     -------
-    Float[Array, "2 segment"]
+    Float[Array, "step segment"]
         Without penalties for entering a segment that is too dense: walkers see there whether they have to pay them.
     """
     network, slot_seconds = params.network, speeds.slot_seconds
+    every = gate_steps(params, slot_seconds)
+    step_seconds = slot_seconds / every
     expected, number = known_cost_to_go(params), params.futures.destination[future]
-    crossed = crossings(params, speeds, params.wait_in(future), begins=slot * slot_seconds)
-    later = expected.table[number, jnp.minimum(slot + speeds.slots, expected.table.shape[1] - 1)]
-    before = cost_to_go(network, crossed, slot_seconds, expected.destination == number, later)
+    crossed = crossings(params, speeds, params.wait_in(future), begins=slot * slot_seconds, every=every)
+    then = slot + speeds.slots if expected.steps == 1 else (slot + speeds.slots) * expected.steps
+    later = expected.table[number, jnp.minimum(then, expected.table.shape[1] - 1)]
+    before = cost_to_go(network, crossed, step_seconds, expected.destination == number, later)
     table = jnp.concatenate([before, later[None]])
-    over = jax.vmap(partial(at_clock, table, slot_seconds, node=network.head))
-    first = jax.tree.map(lambda leaf: leaf[:2], crossed)
+    over = jax.vmap(partial(at_clock, table, step_seconds, node=network.head))
+    first = jax.tree.map(lambda leaf: leaf[: every + 1], crossed)
     cost = first.cost - params.objective.penalty * first.measures.get("too_dense", 0.0)
-    return cost + over(clock=jnp.arange(2.0)[:, None] * slot_seconds + first.seconds)
+    return cost + over(clock=jnp.arange(every + 1.0)[:, None] * step_seconds + first.seconds)
 
 
 def known_cost_to_go(params: EnvParams) -> ExpectedCostToGo:

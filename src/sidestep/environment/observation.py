@@ -95,8 +95,8 @@ def _expected(params: EnvParams, state: EnvState, local: Local) -> tuple[Expecte
     destination, which = known.destination[state.instance.destination], params.expected_for(future)
     now = _crossing_now(params, state, params.expected, which)
 
-    def to_go(table: Float[Array, "destination slot node"], crossing: Exits) -> Exits:
-        return at_clock(table, speeds.slot_seconds, state.clock + crossing, local.onto, destination)
+    def to_go(table: Float[Array, "destination step node"], crossing: Exits) -> Exits:
+        return at_clock(table, speeds.slot_seconds / known.steps, state.clock + crossing, local.onto, destination)
 
     if known.scaled is None:
         expected = Expected(now.cost, to_go(known.table, local.crossing))
@@ -127,15 +127,19 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
     """
     known, speeds, future = known_live_cost_to_go(params), params.futures.speeds, state.instance.future
     segment, slot = params.network.exit_segment[state.node], slot_at(state.clock, speeds.slot_seconds, speeds.slots)
-    part = jnp.clip(state.clock / speeds.slot_seconds - slot, 0.0, 1.0)
-    begin, end = known.forecast[future, slot, 0, segment], known.forecast[future, slot, 1, segment]
+    part, steps = jnp.clip(state.clock / speeds.slot_seconds - slot, 0.0, 1.0), known.forecast.shape[2] - 1
+    step: int | Int[Array, ""] = 0
+    if params.waits.gates:
+        step = jnp.minimum(jnp.floor(part * steps).astype(jnp.int32), steps - 1)
+        part = part * steps - step
+    begin, end = known.forecast[future, slot, step, segment], known.forecast[future, slot, step + 1, segment]
     forecast = (1 - part) * begin + part * end
     # Forecasts leave out penalties, and take lights at their mean wait: from here both are seen.
     density, clock = partial(speeds.density_at, future, segment, slot), jnp.full(segment.shape, state.clock)
     forecast += params.objective.penalty * params.objective.too_dense(density)
     mean, seen = (each.wait_in(future)(segment, clock) for each in (with_mean_waits(params), params))
-    if params.waits.gates:  # between two slots forecasts take gates to open and shut little by little
-        edges = (jnp.full_like(clock, edge * speeds.slot_seconds) for edge in (slot, slot + 1))
+    if params.waits.gates:  # between two steps forecasts take gates to open and shut little by little
+        edges = (jnp.full_like(clock, (slot + edge / steps) * speeds.slot_seconds) for edge in (step, step + 1))
         begin, end = (params.gates_in(future)(segment, edge) for edge in edges)
         mean += (1 - part) * begin + part * end - params.gates_in(future)(segment, clock)
     forecast += params.objective.waiting(seen - mean, density)

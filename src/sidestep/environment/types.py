@@ -44,19 +44,22 @@ class RewardWeights(eqx.Module):
 class ExpectedCostToGo(eqx.Module):
     """Costs of getting to some destinations through the expected crowds: level ``map`` knows them."""
 
-    table: Float[Array, "destination slot node"]
-    """Cost from each node to the destination, as each slot begins."""
+    table: Float[Array, "destination step node"]
+    """Cost from each node to the destination, as each step begins."""
     destination: Int[Array, " node"]
     """Which destination's table leads to a node; -1 where none does."""
-    scaled: Float[Array, "destination slot node"] | None = None
+    scaled: Float[Array, "destination step node"] | None = None
     """The same in crowds ``DENSITY_SCALE`` times as dense; None where crowds are not interpolated."""
+    steps: int = eqx.field(static=True, default=1)
+    """In each slot; several where gates shut."""
 
 
 class LiveCostToGo(eqx.Module):
     """Costs of getting to each future's destination, from all counts of a slot: level ``live`` knows them."""
 
-    forecast: Float[Array, "future slot 2 segment"]
-    """Cost over each segment, entered as the slot begins and as it ends, if crowds go on as forecast."""
+    forecast: Float[Array, "future slot step segment"]
+    """Cost over each segment, if crowds go on as forecast, entered as each step of the slot begins, and as the last one
+    ends. There is one step, or several where gates shut."""
     snapshot: Float[Array, "future slot node"]
     """Cost from each node, if crowds stay as they are."""
 

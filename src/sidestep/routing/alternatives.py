@@ -19,11 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from sidestep.environment.cost_to_go import at_clock, field_cost_to_go
+from sidestep.environment.cost_to_go import at_clock, field_cost_to_go, gate_steps
 from sidestep.environment.crossing import crossings
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.planners.base import Plan, Planned, Planner, Route, routes
 from sidestep.planners.shortest_path import ShortestPath
+from sidestep.planners.time_dependent import FINE_STEP
 from sidestep.routing.request import RouteError
 from sidestep.routing.trees import least_costs
 from sidestep.walking.objective import WeightedObjective
@@ -219,13 +220,14 @@ def _both_ways(
         The last segment of the path to each node, -1 where there is none; and the first one after it.
     """
     network, wait, field = params.network, params.wait_in(jnp.int32(0)), params.futures.speeds.of(jnp.int32(0))
-    crossed, slot_seconds = crossings(params, field, wait), field.slot_seconds
-    to_go = field_cost_to_go(params, field, wait, jnp.arange(network.nodes) == destination)
-    label, clock, via = least_costs(network, crossed, slot_seconds, origin, departure)
+    every = gate_steps(params, field.slot_seconds, FINE_STEP)
+    crossed, step_seconds = crossings(params, field, wait, every=every), field.slot_seconds / every
+    to_go = field_cost_to_go(params, field, wait, jnp.arange(network.nodes) == destination, every=every)
+    label, clock, via = least_costs(network, crossed, step_seconds, origin, departure)
     segment = network.exit_segment.reshape(-1)
     at = jnp.repeat(clock, network.exits)
-    cost, seconds = (at_clock(table, slot_seconds, at, segment) for table in (crossed.cost, crossed.seconds))
-    ahead = cost + at_clock(to_go, slot_seconds, at + seconds, network.head[segment])
+    cost, seconds = (at_clock(table, step_seconds, at, segment) for table in (crossed.cost, crossed.seconds))
+    ahead = cost + at_clock(to_go, step_seconds, at + seconds, network.head[segment])
     taken = network.exits_to(destination)
     ahead = jnp.where(taken, ahead.reshape(taken.shape), jnp.inf)
     onward = jnp.take_along_axis(network.exit_segment, ahead.argmin(axis=1)[:, None], axis=1)[:, 0]
