@@ -1,19 +1,26 @@
 """`sidestep route` past a gate that is shut at night, and into streets for those only who have an end there."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
+from sidestep.agent.presets import preset
+from sidestep.agent.runs import train
 from sidestep.crowds.crowd_table import save_crowd_table
 from sidestep.crowds.table_reader import read_table
 from sidestep.errors import SidestepError
 from sidestep.network.formats import load_town, save_town
 from sidestep.network.town import Town
-from sidestep.planners.base import Planner
+from sidestep.planners.base import Planner, routes
+from sidestep.planners.learned import trained_darp
+from sidestep.planners.time_dependent import Clairvoyant
 from sidestep.routing.router import Router
-from sidestep.scenarios.episodes import check_paths
+from sidestep.scenarios.episodes import check_paths, instances
+from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import WORDS
 from sidestep.scenarios.reader import load_scenario
@@ -144,6 +151,27 @@ def test_one_waits_once_for_each_street(venue, make_town) -> None:
     # Reach is measured on both pieces of the street.
     area, _ = router.isochrone(first, minutes=[5, 12.5], depart="Sun 05:50").areas
     assert area.kilometres == 0
+
+
+def test_agents_learn_among_gates_and_streets_for_residents(venue, block) -> None:
+    town = block(OPEN)
+    restricted = np.arange(town.streets) == 0  # between 0 and 1
+    file = venue("learned", replace(town, restricted=restricted))
+    scenario = load_scenario(file).changed(level="live", destinations=(10,), hours=(20, 24), horizon=1800.0)
+    config = preset("default", "live").changed(
+        rounds=2, round_steps=64, walkers=16, batch=16, capacity=64, hidden=(8,), places=2, n_step=3, futures=4,
+        fresh_futures=2, test_walks=2,
+    )  # fmt: skip
+    drawn = draw_map(scenario, 0)
+    params = make_environment(scenario, drawn, "test", 4, level="live")
+    todo = instances(scenario, drawn, params, 12)
+    planners = (trained_darp(train(scenario, config).model), Clairvoyant())
+    learned, bound = (routes(planner, params, todo, jax.random.key(0), 60) for planner in planners)
+    taken = np.asarray(drawn.network.may_take(todo.destination[0]))
+    for one, best in zip(learned, bound, strict=True):
+        assert one.arrived
+        assert taken[list(one.segments)].all()
+        assert one.seconds >= best.seconds - 0.05
 
 
 def test_a_deadline_just_after_a_gate_opens(venue, make_town) -> None:

@@ -245,6 +245,7 @@ def test_to_arrive_in_time_one_has_to_arrive() -> None:
     # Walks that do not arrive count as the horizon of 60: to be asked about 60 does not make them arrive.
     minutes, arrived = np.array([[30.0, 60.0], [60.0, 60.0]]), np.array([[True, True], [False, False]])
     assert spread(minutes, arrived, 60.0)["arrive_by"] == 0.5  # exactly at the limit is in time
+    assert spread(minutes, arrived, 60.0, 60.0)["arrive_by"] == 0.25  # who arrives later counts as the horizon
     assert spread(minutes, arrived, 59.9)["arrive_by"] == 0.25
     assert spread(minutes, arrived, 10.0)["arrive_by"] == 0.0
 

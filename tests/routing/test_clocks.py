@@ -4,7 +4,8 @@ from datetime import datetime, time
 
 import pytest
 
-from sidestep.routing.clocks import GridClock, TownClock
+from sidestep.crowds.profile import time_of_week
+from sidestep.routing.clocks import GridClock, TownClock, time_given
 from sidestep.routing.request import RouteError, TimeOfWeek, read_departure
 
 SATURDAY = TownClock(5 * 24 + 17.5, 0, datetime.fromisoformat("2025-05-24T17:30"))
@@ -39,9 +40,9 @@ def test_other_text_is_no_time(text: str, field: str) -> None:
     ("start", "text", "seconds"),
     [
         (ANY, "17:30", 0),
-        (ANY, "17:00", 23.5 * 3600),  # the next day
         (ANY, "Sat 18:00", 1800),
-        (ANY, "Sat 17:00", (7 * 24 - 0.5) * 3600),
+        (ANY, "4:30", 11 * 3600),  # the next day
+        (ANY, "Mon 17:30", 2 * 24 * 3600),
         (ANY, "2025-05-25T17:30", 24 * 3600),
         (SATURDAY, "2025-05-24T18:00", 1800),
         (SATURDAY, "18:00", 1800),
@@ -83,3 +84,42 @@ def test_times_that_cannot_be() -> None:
     for given in (-1, 60, time(17, 30), float("nan")):
         with pytest.raises(RouteError):
             GridClock(3600.0).clock(given, "until")
+
+
+@pytest.mark.parametrize(
+    ("depart", "until", "hours"),
+    [
+        ("Fri 20:00", "Fri 17:00", None),
+        ("20:00", "17:00", None),
+        ("Sat 17:30", "17:00", None),
+        ("22:00", "6:00", 8),
+        ("Sun 23:00", "Mon 1:00", 2),
+    ],
+)
+def test_windows_that_end_before_they_begin(depart: str, until: str, hours: float | None) -> None:
+    hour, _ = time_given(read_departure(depart), 0, "depart", None)
+    start = TownClock(hour, 0)
+    if hours is None:
+        with pytest.raises(RouteError) as caught:
+            start.clock(read_departure(until), "until")
+        assert caught.value.field == "until"
+    else:
+        assert start.clock(read_departure(until), "until") == hours * 3600
+
+
+def test_clocks_that_go_forward_in_between() -> None:
+    def at(text: str) -> TownClock:
+        date = datetime.fromisoformat(text)
+        return TownClock(time_of_week(date), 0, date, timezone="Europe/Helsinki")
+
+    deadline = at("2025-03-30T04:10")
+    start = deadline.earlier(3 * 3600.0)
+    assert start.facts(0.0)["departure"] == "2025-03-30T00:10:00"
+    assert start.facts(3 * 3600.0 - 1800)["departure"] == "2025-03-30T02:40:00"  # 03:40 does not exist
+    assert start.facts(3 * 3600.0)["departure"] == "2025-03-30T04:10:00"
+    # From ten to three to ten past four is 20 minutes.
+    assert at("2025-03-30T02:50").clock(read_departure("2025-03-30T04:10"), "until") == 1200
+    # In autumn an hour comes twice.
+    twice = at("2025-10-26T04:10").earlier(3 * 3600.0)
+    found = [twice.facts(3600.0 * hour)["departure"][11:16] for hour in range(4)]
+    assert found == ["02:10", "03:10", "03:10", "04:10"]

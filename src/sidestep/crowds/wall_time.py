@@ -101,6 +101,46 @@ def local_time(time: datetime, timezone: str | None) -> datetime:
     return time.replace(fold=0)
 
 
+def later_time(time: datetime, seconds: float, timezone: str | None) -> datetime:
+    """The wall time some seconds after another one, or before it.
+
+    Parameters
+    ----------
+    time
+        Wall time, without an offset; its ``fold`` tells which of two it is.
+    seconds
+        As a stopwatch counts them, whatever clocks do meanwhile; negative: before.
+    timezone
+        IANA name of the place's timezone; None: not known, and clocks do not change.
+
+    Returns
+    -------
+    datetime
+        Without an offset.
+
+    Examples
+    --------
+    >>> from datetime import datetime
+    >>> from sidestep.crowds.wall_time import later_time
+    >>> later_time(datetime.fromisoformat("2025-03-30T04:10"), -1800, "Europe/Helsinki")
+    datetime.datetime(2025, 3, 30, 2, 40)
+    """
+    if timezone is None:
+        return time + timedelta(seconds=seconds)
+    zone = timezone_of(timezone)
+    there = time.replace(tzinfo=zone).astimezone(UTC) + timedelta(seconds=seconds)
+    return there.astimezone(zone).replace(tzinfo=None)
+
+
+def seconds_between(first: datetime, second: datetime, timezone: str | None) -> float:
+    """Seconds from one wall time to another, as in :func:`later_time`; negative if the second one is before."""
+    if timezone is None:
+        return (second - first).total_seconds()
+    zone = timezone_of(timezone)
+    first, second = (each.replace(tzinfo=zone).astimezone(UTC) for each in (first, second))
+    return (second - first).total_seconds()
+
+
 def turned(time: datetime, zone: ZoneInfo) -> int:
     """How the clock changes over a wall time: 1 if it skips that, -1 if it shows it twice, otherwise 0."""
     first, second = (time.replace(tzinfo=zone, fold=fold).utcoffset() for fold in (0, 1))

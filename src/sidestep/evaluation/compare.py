@@ -118,7 +118,7 @@ class Comparison:
             "walker": walker_facts(self.scenario),
             "baseline": baseline,
             "by_minutes": by,
-            "planners": summarise(self.records, self.seed, by, baseline),
+            "planners": summarise(self.records, self.seed, by, baseline, self.scenario.horizon / 60),
         }
 
 

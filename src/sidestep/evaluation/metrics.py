@@ -128,7 +128,11 @@ class Row(Spread):
 
 
 def summarise(
-    records: Mapping[str, Record], seed: int = 0, by: float | None = None, baseline: str = BASELINE
+    records: Mapping[str, Record],
+    seed: int = 0,
+    by: float | None = None,
+    baseline: str = BASELINE,
+    horizon: float = math.inf,
 ) -> dict[str, Row]:
     """Sum up walks in one row for each planner.
 
@@ -146,6 +150,8 @@ def summarise(
         Minutes that ``arrive_by`` asks about.
     baseline
         The planner that differences are taken to.
+    horizon
+        Minutes after which walks are given up.
 
     Returns
     -------
@@ -153,15 +159,15 @@ def summarise(
         By planner.
     """
     references = [records[name] for name in (REFERENCE, BOUND, baseline)]
-    return {name: _row(record, references, seed, by) for name, record in records.items()}
+    return {name: _row(record, references, seed, by, horizon) for name, record in records.items()}
 
 
-def _row(record: Record, references: Sequence[Record], seed: int, by: float | None) -> Row:
+def _row(record: Record, references: Sequence[Record], seed: int, by: float | None, horizon: float) -> Row:
     minutes, cost = _units(record.minutes), _units(record.cost)
     shortest, bound, baseline = (_units(reference.cost[: record.maps]) for reference in references)
     again = np.random.default_rng(seed).integers(len(cost), size=(RESAMPLES, len(cost)))
     means, bounds = cost[again].mean(axis=1), bound[again].mean(axis=1)
-    single = spread(record.minutes, record.arrived, by)
+    single = spread(record.minutes, record.arrived, by, horizon)
     row: Row = {
         "level": record.level,
         "maps": record.maps,
@@ -189,7 +195,12 @@ def _row(record: Record, references: Sequence[Record], seed: int, by: float | No
     return row
 
 
-def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float | None) -> Spread:
+def spread(
+    minutes: Float[np.ndarray, "*walks"],
+    arrived: Bool[np.ndarray, "*walks"],
+    by: float | None,
+    horizon: float = math.inf,
+) -> Spread:
     """Describe how much single walks differ.
 
     Parameters
@@ -198,6 +209,8 @@ def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*wal
         Travel times, and which walks arrived.
     by
         Minutes to arrive within; None if nobody asks.
+    horizon
+        Minutes as which later arrivals count: these are never in time.
 
     Returns
     -------
@@ -207,7 +220,7 @@ def spread(minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*wal
     return {
         "median_minutes": float(np.median(minutes)),
         "p90_minutes": float(np.quantile(minutes, 0.9)),
-        "arrive_by": None if by is None else float((arrived & (minutes <= by)).mean()),
+        "arrive_by": None if by is None else float((arrived & (minutes <= by) & (minutes < horizon)).mean()),
     }
 
 

@@ -1,13 +1,13 @@
 """When: the times that people give, in seconds since clock 0, and clocks in the words of people."""
 
 from dataclasses import dataclass, replace
-from datetime import MAXYEAR, datetime, time, timedelta
+from datetime import MAXYEAR, datetime, time
 from pathlib import Path
 from typing import Any
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.profile import HOURS_OF_WEEK, day_and_time, time_of_week
-from sidestep.crowds.wall_time import DAYS, local_time
+from sidestep.crowds.wall_time import DAYS, later_time, local_time, seconds_between
 from sidestep.routing.request import Departure, RouteError, TimeOfWeek, at_fault
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Venue
@@ -107,7 +107,14 @@ class TownClock:
         ahead, every = self._ahead(given, field)
         if every is None and ahead < 0:
             raise RouteError(f"{field} is before the departure; give a later time", field=field)
-        return ahead if every is None else ahead % every
+        if every is None:
+            return ahead
+        later = ahead % every
+        # Windows go on over midnight, or into the next week, but not for most of a day or week.
+        if later > every / 2 and self.hour * HOUR % every + later > every:
+            said = f"{field} is before the departure, or {later / HOUR:g} hours after it"
+            raise RouteError(f"{said}; swap them, or give both with dates", field=field)
+        return later
 
     def earliest(self, given: Departure, deadline: float) -> float:
         """Seconds since clock 0 of the earliest departure, 0 if it is before that.
@@ -139,13 +146,13 @@ class TownClock:
         """Seconds from clock 0 to a time, and after how many seconds there is another such time."""
         hour, date = time_given(given, self.first_day, field, self.timezone)
         if date is not None and self.date is not None:
-            return (date - self.date).total_seconds(), None
+            return seconds_between(self.date, date, self.timezone), None
         every = DAY_HOURS if isinstance(given, time) or getattr(given, "day", 0) is None else HOURS_OF_WEEK
         return round((hour - self.hour) * HOUR, 3), every * HOUR
 
     def earlier(self, seconds: float) -> "TownClock":
         """Clock 0 some seconds before this one."""
-        date = None if self.date is None else self.date - timedelta(seconds=seconds)
+        date = None if self.date is None else later_time(self.date, -seconds, self.timezone)
         return replace(self, hour=(self.hour - seconds / HOUR) % HOURS_OF_WEEK, date=date)
 
     def facts(self, clock: float) -> dict[str, Any]:
@@ -156,7 +163,7 @@ class TownClock:
         if there.date is None:
             return {"departs": day_and_time(there.hour), "hour_of_week": there.hour}
         departs = f"{DAYS[there.date.weekday()]} {there.date:%Y-%m-%d %H:%M}"
-        return {"departs": departs, "hour_of_week": there.hour, "departure": there.date.isoformat()}
+        return {"departs": departs, "hour_of_week": time_of_week(there.date), "departure": there.date.isoformat()}
 
 
 Clock = GridClock | TownClock

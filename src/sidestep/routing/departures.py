@@ -197,8 +197,9 @@ def departure_window(located: Located, planner: Planner, step: float | None, fut
         raise RouteError("the latest departure of the window is before the first; swap them", field="until")
     number = int((located.latest - located.clock) // seconds) + 1
     if number > MOST_DEPARTURES:
-        said = f"there are {number:,} departures in the window, and {MOST_DEPARTURES} at most"
-        raise RouteError(f"{said}; take longer steps", field="step")
+        hours = (located.latest - located.clock) / (60 * MINUTE)
+        said = f"the window lasts {hours:g} hours and has {number:,} departures, of {MOST_DEPARTURES} at most"
+        raise RouteError(f"{said}; end it earlier, or take longer steps", field="step")
     walker, rows = Walker(replace(located, baselines=()), planner, futures), []
     for turn in range(number):
         departing = walker.departing(located.clock + turn * seconds)

@@ -14,7 +14,7 @@ from sidestep.planners.base import Planner
 from sidestep.routing.facts import End, SceneFacts
 from sidestep.routing.formats import table
 from sidestep.routing.located import Located
-from sidestep.routing.request import Place, RouteError, at_fault, read_place
+from sidestep.routing.request import Place, RouteError, at_fault, check_list, read_place
 from sidestep.routing.trees import NAMES, Paths, minutes_or_none
 
 MOST_PLACES = 1_000
@@ -157,6 +157,7 @@ def read_places(field: str, given: Places) -> list[Place]:
         with at_fault(field), reading(Path(given), RouteError, "places") as file:
             places = list(_lines(field, file.read().decode("utf-8-sig")))
     else:
+        check_list(field, given)
         places = [found for each in given if (found := read_place(field, each)) is not None]
     if not 1 <= len(places) <= MOST_PLACES:
         raise RouteError(f"give 1 to {MOST_PLACES:,} {field}, not {len(places):,}", field=field)

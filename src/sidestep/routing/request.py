@@ -2,12 +2,15 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, time
 from pathlib import Path
-from typing import Any, TypeVar
+from types import NoneType
+from typing import Any, TypeGuard, TypeVar
+
+import numpy as np
 
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.wall_time import DAYS
@@ -122,21 +125,32 @@ class RouteRequest:
     """The least share of the futures in which the walk arrives by then."""
 
     def __post_init__(self) -> None:
+        for field in ("origin", "destination"):
+            read_place(field, getattr(self, field))
+        for field in ("depart", "arrive_by"):
+            read_departure(getattr(self, field), field)
+        check_planner(self.planner)
         if self.by is not None:
             check_minutes("by", self.by)
         check_count("futures", self.futures)
         check_count("alternatives", self.alternatives, least=0)
-        if not 0 < self.confidence <= 1:
+        check_files(live=self.live, avoid=self.avoid)
+        if not _is_number(self.confidence) or not 0 < self.confidence <= 1:
             said = "the confidence must be a probability above 0 and at most 1"
-            raise RouteError(f"{said}, not {self.confidence:g}", field="confidence")
+            raise RouteError(f"{said}, not {self.confidence!r:.60}", field="confidence")
         if self.arrive_by is not None and self.by is not None:
             said = "arrive_by and by are both deadlines; give the time of the arrival, or minutes after the departure"
             raise RouteError(said, field="arrive_by")
         if self.arrive_by is not None and self.live is not None:
-            raise RouteError("current counts need a departure; leave out arrive_by, or live", field="live")
+            said = "counts are current as of the departure, which arrive_by looks for"
+            raise RouteError(f"{said}; give depart instead of arrive_by, or leave out live", field="live")
 
 
-def check_minutes(field: str, minutes: float) -> None:
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def check_minutes(field: str, minutes: object) -> None:
     """Refuse minutes that are not positive.
 
     Parameters
@@ -149,12 +163,12 @@ def check_minutes(field: str, minutes: float) -> None:
     RouteError
         With the parameter as its field.
     """
-    if not (math.isfinite(minutes) and minutes > 0):
-        raise RouteError(f"{field} must be a positive number of minutes, not {minutes:g}", field=field)
+    if not (_is_number(minutes) and math.isfinite(minutes) and minutes > 0):
+        raise RouteError(f"{field} must be a positive number of minutes, not {minutes!r:.60}", field=field)
 
 
-def check_count(field: str, number: int | None, least: int = 1) -> None:
-    """Refuse numbers below the least.
+def check_count(field: str, number: object, least: int = 1) -> None:
+    """Refuse what is no whole number, and numbers below the least.
 
     Parameters
     ----------
@@ -166,11 +180,44 @@ def check_count(field: str, number: int | None, least: int = 1) -> None:
     RouteError
         With the parameter as its field.
     """
-    if number is not None and number < least:
-        raise RouteError(f"{field} must be at least {least}, not {number}", field=field)
+    if number is None:
+        return
+    if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < least:
+        raise RouteError(f"{field} must be a whole number of at least {least}, not {number!r:.60}", field=field)
 
 
-def read_place(field: str, given: str | Place | None) -> Place | None:
+def check_list(field: str, given: object) -> None:
+    """Refuse what is no list, such as a number or text; RouteError with the parameter as its field."""
+    if isinstance(given, str) or not isinstance(given, (Sequence, np.ndarray)):
+        raise RouteError(f"{field} must be a list, not {given!r:.60}", field=field)
+
+
+def check_planner(planner: object) -> None:
+    """Refuse what is neither a name nor a planner; RouteError with the field ``planner``."""
+    if not isinstance(planner, (str, Planner, NoneType)):
+        raise RouteError(f"planner must be a name or a planner, not {planner!r:.60}", field="planner")
+
+
+def check_files(*, live: object = None, avoid: object = None) -> None:
+    """Refuse counts and areas to avoid that are neither files nor what such files hold.
+
+    Parameters
+    ----------
+    live, avoid
+        What was given; None where nothing was.
+
+    Raises
+    ------
+    RouteError
+        With the field ``live`` or ``avoid``.
+    """
+    if not isinstance(live, (CountTable, Path, str, NoneType)):
+        raise RouteError(f"live must be a file of counts or a CountTable, not {live!r:.60}", field="live")
+    if not isinstance(avoid, (Path, str, dict, NoneType)):
+        raise RouteError(f"avoid must be a GeoJSON file or its content as a dict, not {avoid!r:.60}", field="avoid")
+
+
+def read_place(field: str, given: object) -> Place | None:
     """Read a node, or latitude and longitude.
 
     Parameters
@@ -188,10 +235,19 @@ def read_place(field: str, given: str | Place | None) -> Place | None:
     Raises
     ------
     RouteError
-        Other text.
+        Anything else.
     """
+    if given is None:
+        return None
+    if isinstance(given, (int, np.integer)) and not isinstance(given, bool):
+        return int(given)
+    if isinstance(given, (tuple, list, np.ndarray)) and len(given) == len(("latitude", "longitude")):
+        latitude, longitude = given
+        if _is_number(latitude) and _is_number(longitude):
+            return float(latitude), float(longitude)
     if not isinstance(given, str):
-        return given
+        said = f"the {field} must be the number of a node, or latitude and longitude such as (60.1699, 24.9384)"
+        raise RouteError(f"{said}, not {given!r:.60}", field=field)
     if _NODE.fullmatch(given):
         return int(given)
     if found := _PLACE.fullmatch(given):
@@ -200,7 +256,7 @@ def read_place(field: str, given: str | Place | None) -> Place | None:
     raise RouteError(f"{said}, not {given.strip()!r:.60}", field=field)
 
 
-def read_departure(given: str | Departure | None, field: str = "depart") -> Departure | None:
+def read_departure(given: object, field: str = "depart") -> Departure | None:
     """Read a departure, or an arrival.
 
     Parameters
@@ -218,11 +274,13 @@ def read_departure(given: str | Departure | None, field: str = "depart") -> Depa
     Raises
     ------
     RouteError
-        Other text.
+        Anything else.
     """
-    if not isinstance(given, str):
+    if given is None or isinstance(given, (datetime, time, TimeOfWeek)):
         return given
-    text = given.strip()
+    if _is_number(given):
+        return float(given)
+    text = given.strip() if isinstance(given, str) else ""
     with suppress(ValueError):
         return float(text)
     with suppress(ValueError):

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import NoneType
 
 from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, load_planners
@@ -24,7 +25,10 @@ from sidestep.routing.request import (
     RouteRequest,
     at_fault,
     check_count,
+    check_files,
+    check_list,
     check_minutes,
+    check_planner,
     read_departure,
     read_place,
 )
@@ -73,6 +77,10 @@ class Router:
     def __init__(
         self, scenario: Scenario | str | Path, *, model: Path | str | None = None, seed: int = 0, index: int = 0
     ) -> None:
+        check_count("seed", seed, least=0)
+        check_count("index", index, least=0)
+        if not isinstance(model, (str, Path, NoneType)):
+            raise RouteError(f"model must be the folder of a trained model, not {model!r:.60}", field="model")
         self.scenario = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
         self._map = draw_map(self.scenario, seed, index)
         self._locate = locator(self.scenario, self._map)
@@ -183,6 +191,7 @@ class Router:
         check_count("futures", futures)
         if step is not None:
             check_minutes("step", step)
+        check_files(live=live, avoid=avoid)
         given = Circumstances(
             depart=read_departure(depart), live=live, avoid=avoid, until=read_departure(until, "until"), window=WINDOW
         )
@@ -224,6 +233,8 @@ class Router:
             As :meth:`answer`; minutes that are none, or more than the horizon (field ``minutes``).
         """
         check_count("futures", futures)
+        check_files(live=live, avoid=avoid)
+        check_list("minutes", minutes)
         given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
         located = self._locate.locate([("origin", read_place("origin", origin))], given)
         return isochrone(located, self._search(planner), minutes, futures)
@@ -260,6 +271,7 @@ class Router:
             ``destinations``).
         """
         check_count("futures", futures)
+        check_files(live=live, avoid=avoid)
         froms = read_places("origins", origins)
         places = froms if destinations is None else [*froms, *read_places("destinations", destinations)]
         asked = [("origins" if number < len(froms) else "destinations", each) for number, each in enumerate(places)]
@@ -287,6 +299,7 @@ class Router:
         SidestepError
             Times and counts that the crowds do not know (field ``at`` or ``live``).
         """
+        check_files(live=live)
         return street_crowds(
             self._locate.locate([], Circumstances(depart=read_departure(at, "at"), live=live, field="at"))
         )
@@ -313,11 +326,12 @@ class Router:
         RouteError
             Planners that do not search beforehand (field ``planner``).
         """
+        check_planner(planner)
         with at_fault("planner"):
             found = find_planner(planner or BASELINE) if planner is None or isinstance(planner, str) else planner
         if not isinstance(found, (Expected, ShortestPath)):
-            said = "paths to everywhere are searched by expected or shortest-path"
-            raise RouteError(f"{said}, not by {getattr(found, 'name', found)}", field="planner")
+            said = f"{found.name} decides on the way, to one place at a time, or knows the future"
+            raise RouteError(f"{said}; paths to everywhere are searched by expected or shortest-path", field="planner")
         return found
 
     def _planner(self, asked: Planner | str | None, located: Located) -> Planner:
@@ -340,7 +354,8 @@ class Router:
         RouteError
             An end in the middle of a street (field ``origin`` or ``destination``).
         """
-        planner = asked or self._default
+        check_planner(asked)
+        planner = self._default if asked is None else asked
         if not isinstance(planner, str):
             return planner
         if planner not in self._learned.planners:
@@ -378,6 +393,8 @@ def plan_route(
 
     Raises
     ------
+    RouteError
+        Anything but a request (field ``request``).
     SidestepError
         As :class:`Router` and :meth:`Router.answer`.
 
@@ -389,4 +406,6 @@ def plan_route(
     >>> plan.planner, plan.arrives
     ('shortest-path', True)
     """
+    if not isinstance(request, RouteRequest):
+        raise RouteError(f"request must be a RouteRequest, not {request!r:.60}", field="request")
     return Router(scenario, model=model, seed=seed, index=index).answer(request)

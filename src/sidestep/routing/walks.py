@@ -204,7 +204,7 @@ class Walker:
             crowding=crowding_word(mean_density(legs)),
             exposure=sum(leg.exposure for leg in legs),
             too_dense=sum(leg.too_dense for leg in legs),
-            arrive_by=spread(walks.minutes, walks.arrived, by)["arrive_by"],
+            arrive_by=spread(walks.minutes, walks.arrived, by, located.scenario.horizon / 60)["arrive_by"],
             baselines=baselines,
             streets=streets,
         )
