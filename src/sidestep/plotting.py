@@ -19,6 +19,7 @@ from matplotlib.patheffects import withStroke
 from sidestep.environment.types import EnvParams
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
+from sidestep.network.tags import ACROSS
 from sidestep.network.town import Town
 from sidestep.planners.base import Route
 from sidestep.routing.crowds import StreetCrowds
@@ -196,10 +197,11 @@ def draw_route(plan: RoutePlan) -> Figure:
     for number, other in reversed(list(enumerate(others, start=1))):
         colour, label = _OTHERS[(number - 1) % len(_OTHERS)], _other_in_words(number, plan.alternatives[number - 1])
         _draw_course(axes, other, colour, 2.6, label=label, zorder=2.5)
-    _draw_course(axes, course, ROUTE, 3.4, label="best" if others else None)
+    _draw_course(axes, course, ROUTE, 3.4, label="best" if others else "route")
     for place, text, face in ((course[0], "start", "white"), (course[-1], "end", INK)):
         _mark(axes, place, text, face)
-    if others:
+    _draw_avoided(axes, town, plan)
+    if others or plan.avoided_area:
         _legend_below(axes, 2)
     walk = f"{plan.metres:,.0f} m, {plan.expected_minutes:.0f} min, planned by {plan.planner}"
     return _titled(figure, f"{plan.scenario}, {plan.departs}: {walk}", plan)
@@ -266,13 +268,12 @@ def draw_isochrone(reach: Isochrone) -> Figure:
     shades = colormaps["viridis_r"](np.linspace(0.1, 0.85, len(limits)))
     for area in reversed(reach.areas):
         shade, outlined = shades[limits.index(area.minutes)], area.share == _SURE
-        path = Path.make_compound_path(
-            *(Path(town.project(np.array(ring)), closed=True) for rings in area.polygons or [] for ring in rings)
-        )
+        path = _outline(town, area.polygons or [])
         look = {"facecolor": "none", "edgecolor": shade, "linewidth": 2.0, "zorder": 3} if outlined else {}
         face = {"facecolor": 0.5 + shade / 2, "edgecolor": "none", "zorder": 2} | look
         axes.add_patch(PathPatch(path, label=area.called, **face))
     _mark(axes, town.project(origin)[0], "start", "white")
+    _draw_avoided(axes, town, reach)
     _legend_below(axes, 3)
     crowds = "crowds as expected" if reach.futures is None else f"{reach.futures} simulated futures"
     return _titled(figure, f"{reach.scenario}, {reach.departs}: reached on foot, {crowds}", reach)
@@ -469,7 +470,9 @@ def _add_crowds(axes: Axes, streets: StreetMap, frame: _Frame, label: str) -> No
     """Add the streets of a map, coloured by the crowds on them."""
     town, near = streets.town, _near(streets.town, frame)
     density = np.maximum(streets.density[near.streets], _SPARSE)
-    widths = np.clip(town.width[near.streets] / 2, 1.2, 4.0)
+    # The ways across a square are as wide as the square: drawn so, they would hide it.
+    wide = np.array([town.kind[street] not in ACROSS for street in near.streets])
+    widths = np.clip(wide * town.width[near.streets] / 2, 1.2, 4.0)
     lines = LineCollection(near.courses, array=density, cmap=_CROWDS, linewidths=widths, capstyle="round")
     lines.set_norm(LogNorm(float(np.quantile(density, 0.02)), 1.01 * float(density.max())))
     _add_coloured(axes, lines, label, (0.02, 0.05, 0.1, 0.2, 0.5, 1, 1.5, 2, 3, 5, 10), pad=0.01)
@@ -481,6 +484,20 @@ def _draw_course(
     style: dict[str, Any] = {"zorder": zorder, "solid_joinstyle": "round", "solid_capstyle": "round"}
     axes.plot(*course.T, color="white", linewidth=width + 3.1, **style)
     axes.plot(*course.T, color=colour, linewidth=width, label=label, **style)
+
+
+def _outline(town: Town, polygons: Sequence[Sequence[Any]]) -> Path:
+    """The rings of polygons, given in degrees."""
+    return Path.make_compound_path(
+        *(Path(town.project(np.array(ring)), closed=True) for rings in polygons for ring in rings)
+    )
+
+
+def _draw_avoided(axes: Axes, town: Town, facts: SceneFacts) -> None:
+    """Hatch the area whose streets are not walked, if there is one."""
+    if facts.avoided_area:
+        look = {"facecolor": "none", "edgecolor": INK, "hatch": "///", "linewidth": 1.6, "zorder": 2.8}
+        axes.add_patch(PathPatch(_outline(town, facts.avoided_area), label="area to avoid", **look))
 
 
 def _mark(axes: Axes, place: Float[np.ndarray, "2"], text: str, face: str) -> None:

@@ -69,10 +69,10 @@ def test_areas_have_the_access_rules_of_ways(square, listed, tags) -> None:
     assert report.areas == 0
 
 
-def test_lines_have_the_name_the_kind_and_the_width_of_the_area(square) -> None:
+def test_lines_have_the_name_and_the_width_of_the_area(square) -> None:
     # A way round the square keeps its corners from being joined with the way across.
     town, _ = square({**SQUARE, "access": "destination"}, ways={22: ((1, 4, 3), FOOT)})
-    line = next(i for i in range(town.streets) if town.kind[i] == "pedestrian")
+    line = next(i for i in range(town.streets) if town.kind[i] == "area")
     assert (town.name[line], bool(town.restricted[line])) == ("Market", True)
     assert town.width[line] == pytest.approx(50, abs=0.1)  # twice the area by the perimeter
 
@@ -121,7 +121,7 @@ def test_a_relation_without_tags_has_those_of_its_outer_way(square, more, holes:
 def test_an_outer_way_that_is_a_way_stays_one(square) -> None:
     town, _ = square(ring=None, ways={30: (RING, FOOT)}, relations=[([(30, "outer")], SQUARE)])
     sides = dict.fromkeys([(1, 2), (2, 3), (3, 4), (1, 4)], "footway")
-    assert across(town) == {**sides, (1, 3): "pedestrian", (2, 4): "pedestrian"}
+    assert across(town) == {**sides, (1, 3): "area", (2, 4): "area"}
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,13 @@
 """Alternatives, areas to avoid, and deadlines of routes."""
 
 import json
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from sidestep.plotting import draw_route
+from sidestep.plotting import draw_isochrone, draw_route
 from sidestep.routing.alternatives import MOST_COST, MOST_SHARED
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import RouteError
@@ -102,6 +103,35 @@ def test_streets_that_are_avoided(router, place, planner: str) -> None:
     assert (plan.avoided_streets, plan.arrival_rate) == (1, 1)
     assert plan.baselines["shortest-path"].arrival_rate == 1 if planner != "shortest-path" else True
     assert "1 street crosses the area to avoid" in plan.to_text()
+
+
+def test_answers_show_the_area_that_is_avoided(router, place) -> None:
+    area, small = box(place, 80, -10, 120, 10), box(place, 400, 0, 410, 10)
+    both = {"type": "MultiPolygon", "coordinates": [area["coordinates"], small["coordinates"]]}
+    plan = router.plan(0, 1, depart=NOON, futures=3, avoid=both)
+    reach = router.isochrone(0, minutes=[3], depart=NOON, avoid=both)
+    for answer, draw in ((plan, draw_route), (reach, draw_isochrone)):
+        (shown,) = (
+            each for each in answer.to_geojson()["features"] if each["properties"] == {"part": "avoid", "streets": 1}
+        )
+        corners = {tuple(point) for rings in shown["geometry"]["coordinates"] for ring in rings for point in ring}
+        assert corners == {tuple(point) for ring in area["coordinates"] + small["coordinates"] for point in ring}
+        json.dumps(answer.to_json(), allow_nan=False)
+        drawn = draw(answer).axes[0]
+        (patch,) = (each for each in drawn.patches if each.get_hatch())
+        assert patch.get_label() in {text.get_text() for text in drawn.get_legend().get_texts()}
+    whole = router.plan(0, 1, depart=NOON, futures=3)
+    assert whole.avoided_area is None
+    assert draw_route(whole).axes[0].get_legend() is None
+
+
+def test_squares_do_not_hide_the_map(plan) -> None:
+    town = plan.streets.town
+    wide = replace(town, width=np.full(town.streets, 50, np.float32))
+    square = replace(wide, kind=("area",) * town.streets)
+    drawn = [draw_route(replace(plan, streets=replace(plan.streets, town=each))) for each in (wide, square)]
+    broad, thin = (set(figure.axes[0].collections[0].get_linewidths()) for figure in drawn)
+    assert max(thin) < min(broad)
 
 
 def test_other_questions_avoid_streets_too(router, place) -> None:

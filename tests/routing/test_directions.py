@@ -105,6 +105,20 @@ def test_unnamed_streets_are_joined_straight_on_only() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("kind", "name", "street"), [("area", "", "square"), ("area", "Market", "Market"), ("platform", "", "platform")]
+)
+def test_a_square_is_crossed_in_one_step_however_the_way_bends(kind: str, name: str, street: str) -> None:
+    square = [((0, 50), (30, 60)), ((30, 60), (40, 90)), ((40, 90), (90, 90))]
+    across = [leg(*ends, kind=kind, name=name) for ends in square]
+    steps = directions([leg((0, 0), (0, 50)), *across, leg((90, 90), (90, 200))])
+    assert [(step.turn, step.street, step.first_leg) for step in steps] == [
+        ("head north", "footway", 0),
+        ("turn right", street, 1),
+        ("turn left", "footway", 4),
+    ]
+
+
 def test_who_turns_round_is_told_so() -> None:
     steps = directions([leg((0, 0), (50, 0), name="Quay"), leg((50, 0), (0, 0), name="Quay")])
     assert [step.turn for step in steps] == ["head east", "turn round"]

@@ -9,6 +9,7 @@ from jaxtyping import Float64, Int64
 
 from sidestep.network.access import Access
 from sidestep.network.streets import Nodes
+from sidestep.network.tags import ACROSS, AREA, KINDS, SPECIAL
 
 
 @dataclass(eq=False)
@@ -34,7 +35,7 @@ class Ways(Courses):
     """Walkable ways; their nodes are in walking direction where a way is one-way."""
 
     kinds: "array[int]" = field(default_factory=lambda: array("l"))
-    """Position of each way's kind in ``WIDTHS``."""
+    """Position of each way's kind in ``KINDS``."""
     widths: "array[float]" = field(default_factory=lambda: array("d"))
     """Metres available to walkers."""
     one_way: "array[int]" = field(default_factory=lambda: array("b"))
@@ -68,8 +69,8 @@ class Ways(Courses):
         """
         self.refs, self.counts = array("q", refs.tobytes()), array("q", counts.astype(np.int64).tobytes())
 
-    def copy(self, other: "Ways", row: int, refs: list[int], width: float | None = None) -> None:
-        """Add a way with the tags of another; it is walked both ways.
+    def copy(self, other: "Ways", row: int, refs: list[int], across: float | None = None) -> None:
+        """Add a way with the tags of another, which is an area if there is a width across; it is walked both ways.
 
         Parameters
         ----------
@@ -77,14 +78,16 @@ class Ways(Courses):
             Table and row of the other.
         refs
             Node numbers of the new one.
-        width
-            Its metres, if not those of the other.
+        across
+            Metres that are available to walkers on the way across the area.
         """
         self.add(refs, other.names[row])
         for column in _COLUMNS:
             getattr(self, column).append(getattr(other, column)[row])
-        if width is not None:
-            self.widths[-1] = width
+        if across is not None:
+            self.widths[-1] = across
+            if KINDS[self.kinds[-1]] not in ACROSS | SPECIAL:
+                self.kinds[-1] = KINDS.index(AREA)
 
 
 _COLUMNS = [column.name for column in fields(Ways)[len(fields(Courses)) :]]

@@ -180,7 +180,7 @@ def _ferry_links(extract: Extract) -> Int64[np.ndarray, "link 2"]:
 
 
 def _town(extract: Extract, nodes: Nodes, streets: Streets, attribution: str) -> Town:
-    kinds, names, openings = list(tags.WIDTHS), list(extract.names), list(extract.openings)
+    kinds, names, openings = tags.KINDS, list(extract.names), list(extract.openings)
     columns: dict[str, Any] = {
         **vars(streets),
         "kind": tuple(kinds[code] for code in streets.kind.tolist()),

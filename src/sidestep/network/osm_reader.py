@@ -27,7 +27,7 @@ _LARGEST_ID = 2**36  # the reader's filter takes smaller ones only; larger and n
 _POLE = 90 * 10**7  # latitude of the North Pole in the units of files
 _ABOUT_RELATIONS = frozenset({"type", "source", "created_by", "note", "fixme"})
 """Tags of multipolygons that do not say of what."""
-_KIND_CODES = {kind: code for code, kind in enumerate(tags.WIDTHS)}
+_KIND_CODES = {kind: code for code, kind in enumerate(tags.KINDS)}
 
 
 def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:

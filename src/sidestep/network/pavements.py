@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int64
 from sidestep.network.extract import Extract
 from sidestep.network.geodesy import Projection
 from sidestep.network.streets import Nodes, Streets, ranges
-from sidestep.network.tags import FULL_WIDTH, WIDTHS
+from sidestep.network.tags import AREA, FULL_WIDTH, KINDS, WIDTHS
 
 NEAR = 20.0
 """Metres from the middle of a street to its pavement, at most."""
@@ -24,7 +24,7 @@ SPACING = 10.0
 """Metres between the places at which a pavement looks for its street, at most."""
 PAVEMENTS = frozenset({"cycleway", "footway", "path"})
 """Kinds of ways that are called after streets."""
-NAMESAKES = (frozenset(WIDTHS) - FULL_WIDTH) | {"living_street", "pedestrian"}
+NAMESAKES = (frozenset(WIDTHS) - FULL_WIDTH) | {"living_street", "pedestrian", AREA}
 """Kinds of streets after which pavements are called."""
 
 _AT_ONCE = 50_000  # places, which bounds memory
@@ -66,9 +66,8 @@ def name_pavements(extract: Extract, streets: Streets, nodes: Nodes) -> Streets:
     Streets
         The same streets, with more names.
     """
-    kinds = list(WIDTHS)
-    nameless = (streets.name == 0) & np.array([kind in PAVEMENTS for kind in kinds])[streets.kind]
-    named = (streets.name > 0) & np.array([kind in NAMESAKES for kind in kinds])[streets.kind]
+    nameless = (streets.name == 0) & np.array([kind in PAVEMENTS for kind in KINDS])[streets.kind]
+    named = (streets.name > 0) & np.array([kind in NAMESAKES for kind in KINDS])[streets.kind]
     if not nameless.any() or not (named.any() or len(extract.roads.counts)):
         return streets
     plane = Projection.of(nodes.place[~np.isnan(nodes.place[:, 0])])

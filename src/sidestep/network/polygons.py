@@ -34,6 +34,12 @@ class Polygons:
     town: Town
     """The streets that they are about."""
 
+    @property
+    def rings(self) -> list[list[list[list[float]]]]:
+        """Of each polygon its outer ring and its holes, as GeoJSON has them in a MultiPolygon."""
+        parts = [shapely.geometry.polygon.orient(part) for part in shapely.get_parts(self.shape)]
+        return [[shapely.get_coordinates(ring).tolist() for ring in (part.exterior, *part.interiors)] for part in parts]
+
     def contains(self, lonlat: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, " point"]:
         """Which points lie inside; longitudes and latitudes in degrees."""
         return np.asarray(shapely.intersects_xy(self.shape, _continuous(lonlat, self.town)))

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, Int64
 
 from sidestep.network.geodesy import Projection
 from sidestep.network.streets import LONG_LOOP, Streets, ranges
-from sidestep.network.tags import FULL_WIDTH, WIDTHS, CrossingKind
+from sidestep.network.tags import FULL_WIDTH, KINDS, CrossingKind
 
 SAME_PLACE = 0.1
 """Metres within which places are the same even where nothing is to be merged."""
@@ -45,7 +45,7 @@ def assign_crossings(streets: Streets, kind: Int[np.ndarray, " node"]) -> Street
     Streets
         The same streets with more ``traffic``.
     """
-    is_road = np.array([kind not in FULL_WIDTH for kind in WIDTHS])[streets.kind]
+    is_road = np.array([kind not in FULL_WIDTH for kind in KINDS])[streets.kind]
     street, end = np.nonzero(kind[streets.ends] > CrossingKind.NONE)
     node = streets.ends[street, end]
     order = np.lexsort((streets.length[street], is_road[street], node))

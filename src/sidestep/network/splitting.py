@@ -10,7 +10,7 @@ from sidestep.network.access import NEVER, Access, both
 from sidestep.network.extract import Extract
 from sidestep.network.geodesy import course_lengths
 from sidestep.network.streets import Nodes, Streets, join_streets, ranges, straight_streets
-from sidestep.network.tags import FULL_WIDTH, WIDTHS, CrossingKind
+from sidestep.network.tags import FULL_WIDTH, KINDS, CrossingKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def split_ways(extract: Extract, widths: dict[str, float]) -> tuple[Streets, Nod
     stops = replace(stops, node=node)
     nodes = extract.nodes.copied(np.array(origin[len(extract.nodes.ids) :], np.int64))
     streets = _streets(extract, stops, nodes, np.array(origin))
-    elevator = list(WIDTHS).index("elevator")
+    elevator = KINDS.index("elevator")
     lifted = straight_streets(np.array(rides, np.int64).reshape(-1, 2), nodes.place, elevator, widths["elevator"])
     streets = join_streets([streets, _guarded(extract, lifted, np.array(origin))])
     never = np.array([text == NEVER for text in extract.openings])[streets.opening]
@@ -187,7 +187,7 @@ def _with_kerbs(
     height[index] = list(extract.kerbs.values())
     along = height[np.minimum(stops.node, len(height) - 1)]
     kerb = streets.kerb.copy()
-    walked = np.array([kind in FULL_WIDTH for kind in WIDTHS])[streets.kind]
+    walked = np.array([kind in FULL_WIDTH for kind in KINDS])[streets.kind]
     order, first = ranges(begin + 1, end - begin - 1)
     np.maximum.at(kerb, np.repeat(np.arange(len(begin)), np.diff(first)), along[order])
     touching: dict[int, list[tuple[int, bool]]] = {}

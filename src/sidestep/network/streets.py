@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int, Int8, Int64
 
 from sidestep.network.geodesy import course_lengths
-from sidestep.network.tags import SPECIAL, WIDTHS
+from sidestep.network.tags import KINDS, SPECIAL
 
 LONG_LOOP = 50.0
 """Metres from which a street that leads back to where it begins is kept, as two streets."""
@@ -90,7 +90,7 @@ class Streets:
         Streets of different categories are never joined or weighed against each other, and none but the ordinary ones
         of category 0 vanish in merged crossings: behind a gate, up stairs or by a lift not everybody can go.
         """
-        special = np.array([kind in SPECIAL for kind in WIDTHS])[self.kind]
+        special = np.array([kind in SPECIAL for kind in KINDS])[self.kind]
         codes = np.stack([special * (self.kind + 1), self.restricted, self.kerb > 0, self.opening], axis=1)
         return np.unique(np.vstack([np.zeros(4, np.int64), codes]), axis=0, return_inverse=True)[1][1:]
 

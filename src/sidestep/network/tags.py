@@ -21,11 +21,17 @@ On roads this is the width of two pavements: the carriageway is not walked, what
 """
 UNKNOWN_WIDTH = 2.0
 """Metres for kinds that are not in the table; GraphML files from elsewhere have them."""
-FULL_WIDTH = frozenset(_PATHS)
+AREA = "area"
+"""Kind of the streets across squares and other walkable areas, but for platforms and piers, stairs and lifts."""
+KINDS = (*WIDTHS, AREA)
+"""All kinds of streets that imports make; tables of streets have their positions in it."""
+FULL_WIDTH = frozenset({*_PATHS, AREA})
 """Kinds that are walked on their full width; the others are roads, walked on their pavements."""
 
 SPECIAL = frozenset({"elevator", "steps"})
 """Kinds that not everybody can take, or not at the usual speed."""
+ACROSS = frozenset({AREA, "pier", "platform"})
+"""Kinds of streets across areas; on their way over one, people do not say that they change streets."""
 
 FERRY = "ferry"
 """Kind of the ways of ferries, which are not walked."""

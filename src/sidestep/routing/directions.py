@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from sidestep.crowds.profile import day_and_time
 from sidestep.network.geodesy import Projection
+from sidestep.network.tags import ACROSS, AREA
 
 SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""
@@ -25,6 +26,7 @@ D and E dense, F jammed.
 
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 _KINDS = {
+    AREA: "square",
     "pedestrian": "pedestrian street",
     "residential": "residential street",
     "service": "service road",
@@ -67,7 +69,8 @@ class Leg:
     """Name of the street, empty where it has none; None on grids."""
 
     kind: str | None = None
-    """The value of OpenStreetMap's key ``highway``; None on grids."""
+    """The value of OpenStreetMap's key ``highway``, "platform" or "pier", and "area" for the way across a square or
+    another area; None on grids."""
 
     coordinates: list[list[float]] | None = None
     """Longitude and latitude, degrees, to about a centimetre; None on grids."""
@@ -175,7 +178,7 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
 
 
 def directions(legs: Sequence[Leg]) -> list[Step]:
-    """Turn by turn: a street's name, or a kind that leads straight on, is one line; a wait at a gate begins another."""
+    """Turn by turn: a street's name, a square, or a kind that leads straight on, is one line; a wait begins another."""
     groups: list[tuple[str, int, list[Leg]]] = []
     ended = 0.0
     for number, leg in enumerate(legs):
@@ -204,6 +207,7 @@ def directions(legs: Sequence[Leg]) -> list[Step]:
 
 def _joins(before: Leg, after: Leg, turn: str) -> bool:
     """Whether walkers would say that they are still on the same street."""
-    # "Footway" is no name: two of them that meet in a corner are not the same.
+    # "Footway" is no name: two of them that meet in a corner are not the same. Of a square people see all at once.
     same = before.label == after.label and bool(before.name) == bool(after.name)
-    return same and (turn == "straight on" or (bool(after.name) and turn != "turn round"))
+    one = bool(after.name) or after.kind in ACROSS
+    return same and (turn == "straight on" or (one and turn != "turn round"))

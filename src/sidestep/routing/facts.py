@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.network.town import Town
+from sidestep.routing.formats import feature
 from sidestep.scenarios.walkers import walker_in_words
 
 
@@ -75,6 +76,9 @@ class SceneFacts:
     avoided_streets: int | None = None
     """Number of streets that are not walked since they cross the area to avoid; None where there is none."""
 
+    avoided_area: list[list[list[list[float]]]] | None = None
+    """Of each polygon to avoid its outer ring and its holes, as lists of longitude and latitude; None without any."""
+
     attribution: str
     """Source and licence of the streets."""
 
@@ -123,7 +127,7 @@ class RequestFacts(SceneFacts):
 
 
 def collection(facts: SceneFacts, features: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """A GeoJSON feature collection (RFC 7946) that says where its data come from.
+    """A GeoJSON feature collection (RFC 7946) that says where its data come from, with the area to avoid at last.
 
     Parameters
     ----------
@@ -138,4 +142,6 @@ def collection(facts: SceneFacts, features: Sequence[dict[str, Any]]) -> dict[st
         Ready for ``json.dumps``; coordinates are longitudes and latitudes in degrees.
     """
     sources = {name: getattr(facts, name) for name in ("attribution", "crowds", "synthetic")}
-    return {"type": "FeatureCollection", **sources, "features": list(features)}
+    area = facts.avoided_area
+    avoided = [] if area is None else [feature("MultiPolygon", area, part="avoid", streets=facts.avoided_streets)]
+    return {"type": "FeatureCollection", **sources, "features": [*features, *avoided]}

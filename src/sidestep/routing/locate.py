@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -207,7 +207,7 @@ class TownLocator:
             synthetic=self._venue.synthetic,
             sensors=self._sensors,
             counted_sensors=counted,
-            avoided_streets=avoided,
+            **avoided,
             attribution=streets.town.attribution,
             crowds=self._venue.attribution,
             expected_crowds=self._expected_crowds(start, counted),
@@ -230,8 +230,8 @@ class TownLocator:
             streets=streets,
         )
 
-    def _on_streets(self, asked: Asked, avoid: Area | None) -> tuple[SplitStreets, tuple[End, ...], int | None]:
-        """All places on streets that are split there, and the number of streets that are not walked."""
+    def _on_streets(self, asked: Asked, avoid: Area | None) -> tuple[SplitStreets, tuple[End, ...], dict[str, Any]]:
+        """All places on streets that are split there, and facts of what is avoided."""
         town, known = self._snapper.town, self._streets.crossings.tolist()
         places = _requested(asked, town.nodes, known[0], known[-1])
         found: list[int | StreetPoint] = []
@@ -244,7 +244,7 @@ class TownLocator:
         streets = padded(split_streets(town, found), len(found))
         ends = tuple(map(self._end, streets.nodes, found, (place for _, place in places)))
         if avoid is None:
-            return streets, ends, None
+            return streets, ends, {}
         with at_fault("avoid"):
             area = read_polygons(avoid, town)
         for (name, place), end in zip(places, ends, strict=True):
@@ -254,7 +254,8 @@ class TownLocator:
                 raise RouteError(said, field="avoid")
         closed = area.crossed(streets)
         network = streets.network.without(closed)
-        return replace(streets, network=network), ends, len(np.unique(streets.street[closed]))
+        avoided = {"avoided_streets": len(np.unique(streets.street[closed])), "avoided_area": area.rings}
+        return replace(streets, network=network), ends, avoided
 
     def _end(self, node: int, found: int | StreetPoint, asked: Place) -> End:
         if isinstance(found, StreetPoint) and not isinstance(asked, int):

@@ -186,6 +186,7 @@ class RoutePlan(RequestFacts, WalkTimes):
     def _properties(self) -> dict[str, Any]:
         """What GeoJSON says of the whole route."""
         elsewhere = {"attribution", "crowds", "synthetic", "origin", "destination", "legs", "nodes", "minutes"}
+        elsewhere.add("avoided_area")
         return {name: value for name, value in self.to_json().items() if name not in {*elsewhere, "alternatives"}}
 
     def to_gpx(self) -> str:
