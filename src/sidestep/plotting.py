@@ -348,7 +348,7 @@ def draw_matrix(matrix: TimeMatrix) -> Figure:
     figure.colorbar(image, ax=axes, label=label)
     for axis, ends in ((axes.xaxis, matrix.destinations), (axes.yaxis, matrix.origins)):
         every = max(1, -(-len(ends) // _MOST_LABELS))
-        names = [end.asked for end in ends[::every]]
+        names = [end.called for end in ends[::every]]
         axis.set_ticks(range(0, len(ends), every), names, fontsize=7, rotation=90 if axis is axes.xaxis else 0)
     axes.set(xlabel="to", ylabel="from")
     if minutes.size <= _MOST_NUMBERS:

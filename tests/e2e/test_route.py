@@ -86,7 +86,7 @@ def test_a_grid(command) -> None:
 
 
 def test_bad_input_ends_the_process_with_a_sentence(tmp_path) -> None:
-    words = ("route", "helsinki", "--from", "0,0", "--format", "gpx", "--out", "x/r.gpx")
+    words = ("route", "helsinki", "--from", "0,0", "--to", "5", "--format", "gpx", "--out", "x/r.gpx")
     done = subprocess.run(
         [sys.executable, "-m", "sidestep", *words],
         cwd=tmp_path,
@@ -145,8 +145,11 @@ def test_bad_input_ends_the_process_with_a_sentence(tmp_path) -> None:
 def test_bad_input_names_its_field(args: str, field: str, monkeypatch, tmp_path) -> None:
     monkeypatch.setattr("sidestep.cli.options.start_jax", lambda: None)
     monkeypatch.chdir(tmp_path)
+    words = args.split()
+    for option, node in (("--from", "0"), ("--to", "5")):
+        words += [option, node] * (words[0] == "helsinki" and option not in words)
     with pytest.raises(SidestepError) as caught:
-        cli.app(["route", *args.split()], exit_on_error=False, print_error=False)
+        cli.app(["route", *words], exit_on_error=False, print_error=False)
     assert caught.value.field == field
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
@@ -178,7 +181,9 @@ def test_counts_that_cannot_be_used(row: str, monkeypatch, tmp_path) -> None:
     monkeypatch.setattr("sidestep.cli.options.start_jax", lambda: None)
     (tmp_path / "now.csv").write_text(f"time,45 Queen Street\n{row}\n")
     with pytest.raises(SidestepError) as caught:
-        cli.app(["route", "helsinki", "--depart", NOON, "--live", str(tmp_path / "now.csv")], exit_on_error=False)
+        cli.app(
+            ["route", "helsinki", *ENDS, "--depart", NOON, "--live", str(tmp_path / "now.csv")], exit_on_error=False
+        )
     assert caught.value.field == "live"
     assert "now.csv" in str(caught.value)
     assert "\n" not in str(caught.value)

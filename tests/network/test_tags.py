@@ -4,6 +4,7 @@ import pytest
 
 from sidestep.network.tags import (
     FULL_WIDTH,
+    KINDS,
     WIDTHS,
     CrossingKind,
     crossing_kind,
@@ -117,5 +118,6 @@ def test_crossings_of_traffic(said: str, kind: CrossingKind) -> None:
 
 
 def test_every_kind_has_a_sensible_width() -> None:
-    assert set(WIDTHS) >= FULL_WIDTH
+    assert set(KINDS) >= FULL_WIDTH
+    assert exclusion_reason(tags("highway=area")) is not None
     assert all(1 <= width <= 10 for width in WIDTHS.values())

@@ -2,7 +2,7 @@
 
 from xml.etree import ElementTree as ET
 
-from sidestep.routing.formats import Waypoint, feature, gpx, table
+from sidestep.routing.formats import GpxRoute, Waypoint, feature, gpx, table
 
 
 def test_tables_are_aligned() -> None:
@@ -21,6 +21,6 @@ def test_lines_across_the_antimeridian_are_split() -> None:
         "coordinates": [[[179.9, 0.0], [180.0, 0.1]], [[-180.0, 0.1], [-179.9, 0.2]]],
     }
     track = [Waypoint(place, 0.0) for place in ([179.9, 0.0], [-179.9, 0.2])]
-    bounds = ET.fromstring(gpx("", "", "", None, track, track)).find(".//{*}bounds")  # noqa: S314 - our own
+    bounds = ET.fromstring(gpx("", "", "", None, [GpxRoute("", "", track, track)])).find(".//{*}bounds")  # noqa: S314 - our own
     assert bounds is not None
     assert [round(float(bounds.get(side, "")), 4) for side in ("minlon", "maxlon")] == [179.9, -179.9]

@@ -58,7 +58,7 @@ def test_json_of_a_town(plan) -> None:
     assert (found["departs"], found["hour_of_week"]) == ("Saturday 2025-05-24 12:30", 5 * 24 + 12.5)
     assert found["origin"]["metres_away"] == pytest.approx(4, abs=0.01)
     assert (found["crowds"], found["synthetic"]) == ("counts of counts.csv", "")
-    assert json.loads(json.dumps(found, allow_nan=False))["nodes"] == [8, 1, 2, 9]
+    assert json.loads(json.dumps(found, allow_nan=False))["nodes"] == [None, 1, 2, None]
 
 
 def test_grids_have_the_same_keys_as_towns(grid, plan) -> None:
@@ -199,6 +199,43 @@ def test_gpx(plan) -> None:
     assert times == sorted(times)
     assert (times[-1] - times[0]).total_seconds() == pytest.approx(60 * plan.expected_minutes, abs=1)
     assert re.search(r"local wall time", text)
+
+
+def test_what_json_gives_can_be_asked_for(router, plan) -> None:
+    found = plan.to_json()
+    ends = [f"{found[end]['latitude']},{found[end]['longitude']}" for end in ("origin", "destination")]
+    assert [found[end]["node"] for end in ("origin", "destination")] == [None, None]
+    assert router.plan(*ends, depart=NOON, futures=1).metres == pytest.approx(plan.metres, abs=0.1)
+    for node in found["nodes"][1:-1]:
+        assert router.plan(node, ends[1], depart=NOON, futures=1).origin.node == node
+
+
+@pytest.mark.parametrize(("ends", "field"), [((None, 1), "origin"), ((0, None), "destination"), ((), "origin")])
+def test_towns_want_both_ends(router, ends, field: str) -> None:
+    with pytest.raises(RouteError) as caught:
+        router.plan(*ends, depart=NOON)
+    assert caught.value.field == field
+
+
+def test_gpx_has_all_routes(plan) -> None:
+    other = replace(plan, shared=0.5, nodes=[7, 8])
+    root = ET.fromstring(replace(plan, alternatives=(other, other)).to_gpx())  # noqa: S314
+    check_order(root)
+    for tag in ("rte", "trk"):
+        assert len({each.findtext(f"{GPX}name") for each in root.findall(f"{GPX}{tag}")}) == 3
+    points = [len(track.findall(f"{GPX}trkseg/{GPX}trkpt")) for track in root.findall(f"{GPX}trk")]
+    assert points == [4, 4, 4]
+
+
+def test_fewer_futures_are_compared_with_the_same_of_the_plan(plan) -> None:
+    baseline = plan.baselines["snapshot"]
+    assert baseline.plan_median_minutes == pytest.approx(plan.median_minutes, rel=1e-4)
+    other = replace(baseline, futures=3, plan_median_minutes=98.7, plan_p90_minutes=99.1)
+    text = replace(plan, baselines={"snapshot": other}).to_text()
+    assert "98.7" in text
+    assert "99.1" in text
+    same = replace(other, futures=plan.futures)
+    assert "98.7" not in replace(plan, baselines={"snapshot": same}).to_text()
 
 
 def test_gpx_without_a_day_has_no_times(plan) -> None:

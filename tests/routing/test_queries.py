@@ -1,6 +1,7 @@
 """Isochrones, matrices, crowds and departures, on grids and in a small town of which all times are known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,22 @@ def test_minutes_between_places(router, place) -> None:
     assert draw_matrix(found).axes[0].images
 
 
+def test_the_text_of_a_matrix_fits_a_terminal(router, place) -> None:
+    few, many = [0, 1, place(100, 0)], [place(10 * number, 0) for number in range(1, 15)]
+    for origins, destinations in ((few, None), (many, None), (few, many), (many, few)):
+        found = router.matrix(origins, destinations, depart=NOON)
+        text = found.to_text().split("\n", 1)[1].split("\n\nCrowds are")[0]
+        assert max(map(len, text.splitlines())) <= 80
+        for each in (*found.origins, *found.destinations):
+            assert each.asked in text
+        for row in found.minutes:
+            assert all(f"{minutes:.1f}" in text for minutes in row)
+    long = replace(found.origins[0], label="x" * 200)
+    labelled = replace(found, origins=(long,) * 14, destinations=(long,) * 14, minutes=[[1.0] * 14] * 14)
+    assert "xxxxx" in labelled.to_text()
+    assert max(map(len, labelled.to_text().splitlines()[1:20])) <= 80
+
+
 def test_a_matrix_agrees_with_routes(grid) -> None:
     found = grid.matrix([0, 4], [8, 1], depart=15, futures=9)
     for row, origin in enumerate((0, 4)):
@@ -69,9 +86,13 @@ def test_a_matrix_agrees_with_routes(grid) -> None:
 
 def test_files_of_places(router, tmp_path) -> None:
     file = tmp_path / "places.csv"
-    file.write_text("latitude,longitude,name\n0,0,corner\n\n# none\n4\n")
+    file.write_text('latitude,longitude,name\n0,0,"corner, west",more\n\n# none\n4\n')
     found = router.matrix(file, depart=NOON)
     assert [end.node for end in found.origins] == [0, 4]
+    assert [end.called for end in found.destinations] == ["corner, west", "crossing 4"]
+    assert '"corner, west",crossing 4,' in found.to_csv()
+    file.write_text("0,,corner\n4,,\n")
+    assert [end.called for end in router.matrix(file, depart=NOON).origins] == ["corner", "crossing 4"]
     assert found.minutes == [[0, walk(300)], [by_stairs(100), 0]]
     file.write_text("0\nhere\n")
     with pytest.raises(SidestepError) as caught:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from sidestep.cli import options
+from sidestep.cli.console import print_text
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
 Hyphened = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 """For values such as southern latitudes."""
-Origin = Annotated[Hyphened, Parameter(name="--from", help="Node, or in towns LAT,LON; by default the first node.")]
-Destination = Annotated[Hyphened, Parameter(name="--to", help="Node, or in towns LAT,LON; by default the last node.")]
+Origin = Annotated[Hyphened, Parameter(name="--from", help="LAT,LON or a node; on grids by default the first.")]
+Destination = Annotated[Hyphened, Parameter(name="--to", help="LAT,LON or a node; on grids by default the last.")]
 Depart = Annotated[
     Hyphened,
     Parameter(
@@ -75,7 +76,9 @@ def show(answer: Any, draw: str, output: str, out: Path | None, *, as_json: bool
     shown = writer()
     if not isinstance(shown, str):
         shown = json.dumps(shown, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    if out is None:
+    if out is None and output == "text" and not as_json:
+        print_text(shown)
+    elif out is None:
         print(shown, end="")
     else:
         write_text(out, shown)

@@ -54,6 +54,27 @@ def progress(what: str, total: int, each: int, unit: str) -> Iterator[Callable[[
         yield advance
 
 
+def print_text(text: str) -> None:
+    """Print lines, wrapped between words on terminals; into files and other programs they go as they are.
+
+    Parameters
+    ----------
+    text
+        With or without a line break at the end.
+    """
+    if not _known_width():
+        print(text.removesuffix("\n"))
+        return
+    from rich.console import Console
+
+    Console(highlight=False).print(text.removesuffix("\n"), markup=False, emoji=False)
+
+
+def _known_width() -> bool:
+    """Whether there is a terminal, or COLUMNS says how wide lines may be."""
+    return sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+
+
 def print_table(title: Iterable[str], columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Print a table, in a fixed width where the output is no terminal and COLUMNS is not set.
 
@@ -70,8 +91,7 @@ def print_table(title: Iterable[str], columns: Iterable[str], rows: Iterable[Ite
     from rich.console import Console
     from rich.table import Table
 
-    known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    console = Console(width=None if known else WIDTH, highlight=False)
+    console = Console(width=None if _known_width() else WIDTH, highlight=False)
     headings, cells = list(columns), [list(row) for row in rows]
     head = "\n".join(filter(None, title))
     for block in _blocks(headings, cells, console.width):

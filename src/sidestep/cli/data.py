@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from sidestep.cli import options
-from sidestep.cli.console import print_table
+from sidestep.cli.console import print_table, print_text
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def clean_counts(file: Path | None, layout: "Layout", out: Path, *, as_json: boo
         print_json(report_counts(table), out)
         return
     show_understood(report_counts(table))
-    print(f"Counts: {out}")
+    print_text(f"Counts: {out}")
 
 
 @counts_app.command(name="import")
@@ -153,7 +153,7 @@ def import_counts(
         print_json(report, out)
         return
     show_table(report)
-    print(f"Crowds: {out}")
+    print_text(f"Crowds: {out}")
 
 
 def import_osm(
@@ -194,7 +194,7 @@ def import_osm(
         print_json(report, out)
         return
     show_import(report)
-    print(f"Streets: {out} ({town.attribution})")
+    print_text(f"Streets: {out} ({town.attribution})")
 
 
 def new(
@@ -229,8 +229,8 @@ def new(
         print(json.dumps({"scenario": str(file), **sensors}, indent=2))
         return
     if beginning.standing:
-        print(f"{beginning.standing} of {beginning.counted} sensors stand in this town, at their true places")
-    print(f"{file}: try `sidestep compare {file} --walks 50 --planners shortest-path`, then make it yours")
+        print_text(f"{beginning.standing} of {beginning.counted} sensors stand in this town, at their true places")
+    print_text(f"{file}: try `sidestep compare {file} --walks 50 --planners shortest-path`, then make it yours")
 
 
 def _width(option: str) -> tuple[str, float]:
@@ -249,17 +249,17 @@ def show_understood(report: "CountReport") -> None:
     title = f"{report.source}: {hours}, {len(report.sensors)} sensor{'s' * (len(report.sensors) != 1)}"
     repairs = [(repair.kind, repair.sensor or "all", f"{repair.hours:,}", repair.detail) for repair in report.repairs]
     if report.understood:
-        print(f"Read as: {'; '.join(report.understood)}")
+        print_text(f"Read as: {'; '.join(report.understood)}")
     if repairs:
         print_table([title], ("repair", "sensor", ">hours", "detail"), repairs)
     else:
-        print(f"{title}; no repairs")
+        print_text(f"{title}; no repairs")
 
 
 def show_model(summary: "CountSummary", seed: int) -> None:
     """Print the fitted model and its errors."""
     ar, ma = (", ".join(f"{value:.3f}" for value in values) or "none" for values in (summary.ar, summary.ma))
-    print(
+    print_text(
         f"{summary.sensor}, {summary.train[0]} to {summary.train[1]}: ARIMA{summary.order}\n"
         f"  ar {ar}, ma {ma} (the paper's signs), mean {summary.mean:.1f}, sigma {summary.sigma:.1f} persons/h\n"
         f"  one simulated week (seed {seed}): mean {summary.simulated_mean:.0f}, sd {summary.simulated_sd:.0f}; "
@@ -277,8 +277,8 @@ def print_json(report: "ImportReport | TableReport | CountReport", out: Path) ->
 
 def show_import(report: "ImportReport") -> None:
     """Print what an import of streets kept, dropped and repaired."""
-    print(f"{report.source}: {report.walkable:,} of {report.ways:,} highways, platforms, piers and ferries are walked, "
-          f"{report.areas:,} areas across")  # fmt: skip
+    walked = f"{report.walkable:,} of {report.ways:,} highways, platforms, piers and ferries are walked"
+    print_text(f"{report.source}: {walked}, {report.areas:,} areas across")
     sizes = [
         ("before merging", report.nodes_before, report.streets_before, report.kilometres_before),
         ("kept", report.nodes, report.streets, report.kilometres),
@@ -289,22 +289,22 @@ def show_import(report: "ImportReport") -> None:
         if numbers:
             print_table((), (title, ">number"), [(what, f"{number:,}") for what, number in numbers.items()])
     if report.parts_left_out:
-        print(f"Connected parts left out: {report.parts_left_out:,}")
-    print(f"Streets at the busiest crossing: {report.most_exits}")
+        print_text(f"Connected parts left out: {report.parts_left_out:,}")
+    print_text(f"Streets at the busiest crossing: {report.most_exits}")
 
 
 def show_table(report: "TableReport") -> None:
     """Print the contents of a table of crowds, and what was filled in."""
     span = "" if report.begins is None else f", {report.begins} to {report.ends}"
-    print(
+    print_text(
         f"{report.source}: {report.rows:,} rows, {report.quantity} on {report.mentioned:,} of {report.segments:,} "
         f"segments in {report.slots:,} slots of {report.slot_seconds / 60:g} min{span}"
     )
     if report.unused_columns:
-        print(f"Columns without a meaning here: {', '.join(report.unused_columns)}")
+        print_text(f"Columns without a meaning here: {', '.join(report.unused_columns)}")
     if report.filled:
         rows = [(kind, f"{number:,}", report.details[kind]) for kind, number in report.filled.items()]
         print_table((), ("filled in", ">number", "detail"), rows)
     law = f" (from speeds by the law {report.law}, {report.slower_than_law:,} below its lowest)" if report.law else ""
-    print(f"Largest density: {report.largest_density:.2f} persons/m²{law}")
-    print(f"Slots of segments above 1 person/m²: {report.share_above_1:.1%}, above 4: {report.share_above_4:.1%}")
+    print_text(f"Largest density: {report.largest_density:.2f} persons/m²{law}")
+    print_text(f"Slots of segments above 1 person/m²: {report.share_above_1:.1%}, above 4: {report.share_above_4:.1%}")

@@ -157,10 +157,13 @@ def matrix(
     options.check_least(seed=seed, map=index)
     answers.check_output(output, out, as_json=as_json)
     options.start_jax()
-    from sidestep.routing.matrix import read_places
+    from sidestep.routing.matrix import NamedPlace, read_places
 
-    froms = [*(origin or []), *([] if origins is None else read_places("origins", origins))]
-    tos = [*(destination or []), *([] if destinations is None else read_places("destinations", destinations))]
+    froms: list[NamedPlace | str] = [*(origin or []), *([] if origins is None else read_places("origins", origins))]
+    tos: list[NamedPlace | str] = [
+        *(destination or []),
+        *([] if destinations is None else read_places("destinations", destinations)),
+    ]
     found = answers.router(scenario, changes, seed=seed, index=index).matrix(
         froms, tos or None, depart=depart, planner=planner, futures=futures, live=live, avoid=avoid
     )

@@ -216,7 +216,7 @@ def departure_window(located: Located, planner: Planner, step: float | None, fut
                 arrives=route.arrived,
             )
         )
-    origin, destination = located.ends
+    origin, destination = located.named_ends
     return DepartureWindow(
         **vars(located.facts), origin=origin, destination=destination, planner=planner.name, departures=tuple(rows)
     )

@@ -16,8 +16,8 @@ from sidestep.scenarios.walkers import walker_in_words
 class End:
     """Where a route begins or ends."""
 
-    node: int
-    """Number of the node; on split streets one beyond those of the town."""
+    node: int | None
+    """Number of the node; None where it lies in the middle of a street."""
 
     asked: str
     """What was asked for, for people."""
@@ -30,6 +30,14 @@ class End:
 
     metres_away: float = 0.0
     """Between the place that was asked for and the one on the street."""
+
+    label: str = ""
+    """Name of the place, where a file of places has one."""
+
+    @property
+    def called(self) -> str:
+        """The name of the place, or what was asked for."""
+        return self.label or self.asked
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,10 +45,20 @@ class Waypoint:
     about: str = ""
 
 
-def gpx(
-    name: str, about: str, attribution: str, departure: str | None, turns: list[Waypoint], track: list[Waypoint]
-) -> str:
-    """A route of the turns, and a track of the whole course.
+@dataclass(frozen=True)
+class GpxRoute:
+    """One of the routes of a file."""
+
+    name: str
+    about: str
+    turns: list[Waypoint]
+    """Points of the route."""
+    track: list[Waypoint]
+    """Points of the track, which is the whole course."""
+
+
+def gpx(name: str, about: str, attribution: str, departure: str | None, routes: Sequence[GpxRoute]) -> str:
+    """For each route one of its turns, and a track of its whole course.
 
     GPX wants UTC, but counts are in local wall time of no given zone: times are written without one, and left out where
     the departure has no day.
@@ -56,15 +66,13 @@ def gpx(
     Parameters
     ----------
     name, about
-        Of the route.
+        Of the file.
     attribution
         Source and licence of the streets.
     departure
         Local time, ISO 8601; None where no day was given.
-    turns
-        Points of the route.
-    track
-        Points of the track.
+    routes
+        The best one first.
 
     Returns
     -------
@@ -83,18 +91,19 @@ def gpx(
     legal = ET.SubElement(metadata, "copyright", author=_UNPRINTABLE.sub("", attribution))
     _put(legal, license=_ODBL if "ODbL" in attribution else "")
     _put(metadata, time=time(0.0))
-    course = np.array([point.place for point in track])
+    course = np.array([point.place for route in routes for point in route.track])
     plane = Projection.of(course)
     xy = plane.project(course)
     ends = plane.unproject(np.stack([xy.min(axis=0), xy.max(axis=0)]))[:, ::-1].ravel()
     corners = zip(("minlat", "minlon", "maxlat", "maxlon"), ends.tolist(), strict=True)
     ET.SubElement(metadata, "bounds", {corner: f"{degrees:.7f}" for corner, degrees in corners})
-    route, walked = ET.SubElement(root, "rte"), ET.SubElement(root, "trk")
-    _put(route, name=name)
-    _put(walked, name=name)
-    for parent, tag, points in ((route, "rtept", turns), (ET.SubElement(walked, "trkseg"), "trkpt", track)):
+    parents = [(ET.SubElement(root, "rte"), "rtept", route, route.turns) for route in routes]
+    parents += [(ET.SubElement(root, "trk"), "trkpt", route, route.track) for route in routes]  # after all routes
+    for parent, tag, route, points in parents:
+        _put(parent, name=route.name, desc=route.about)
+        segment = parent if tag == "rtept" else ET.SubElement(parent, "trkseg")
         for point in points:
-            child = ET.SubElement(parent, tag, lat=f"{point.place[1]:.7f}", lon=f"{point.place[0]:.7f}")
+            child = ET.SubElement(segment, tag, lat=f"{point.place[1]:.7f}", lon=f"{point.place[0]:.7f}")
             _put(child, time=time(point.minutes), name=point.name, desc=point.about)
     ET.indent(root)
     return "<?xml version='1.0' encoding='UTF-8'?>\n" + ET.tostring(root, encoding="unicode") + "\n"

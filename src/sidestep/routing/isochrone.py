@@ -155,7 +155,7 @@ def isochrone(located: Located, planner: Planner, minutes: Sequence[float], futu
             areas.append(ReachedArea(minutes=limit, share=share, nodes=within, **outline[number]._asdict()))
     return Isochrone(
         **vars(located.facts),
-        origin=located.ends[0],
+        origin=located.named_ends[0],
         planner=planner.name,
         futures=futures,
         areas=tuple(areas),

@@ -15,8 +15,8 @@ from sidestep.network.polygons import read_polygons
 from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.clocks import GridClock, TownClock, covered_before, town_clock
-from sidestep.routing.facts import End, SceneFacts
-from sidestep.routing.located import Located, LocatedInTown
+from sidestep.routing.facts import SceneFacts
+from sidestep.routing.located import Located, LocatedInTown, NodeEnd
 from sidestep.routing.request import NO_COORDINATES, Area, Counts, Departure, Place, RouteError, at_fault
 from sidestep.scenarios.maps import ScenarioMap, with_live_counts
 from sidestep.scenarios.model import Scenario
@@ -128,11 +128,14 @@ def connected(located: Located) -> Located:
     raise RouteError(said, field="destination")
 
 
-def _requested(asked: Asked, nodes: int, first: int, last: int) -> list[tuple[str, Place]]:
-    """The places that were asked for; by default the ``last`` node for destinations, and else the ``first``."""
+def _requested(asked: Asked, nodes: int) -> list[tuple[str, Place]]:
+    """The places that were asked for, none of them left out, and no nodes that do not exist."""
     found: list[tuple[str, Place]] = []
-    for name, given in asked:
-        place = (last if name == "destination" else first) if given is None else given
+    for name, place in asked:
+        if place is None:
+            option = "--to" if name == "destination" else "--from"
+            said = f"{_one(name)} ({option}) is missing; give LAT,LON such as 60.1699,24.9384, or a crossing's number"
+            raise RouteError(said, field=name)
         if isinstance(place, int) and not 0 <= place < nodes:
             raise RouteError(f"{_one(name)} is node {place}, but nodes are numbered 0 to {nodes - 1}", field=name)
         found.append((name, place))
@@ -153,10 +156,13 @@ class GridLocator:
     def locate(self, asked: Asked, given: Circumstances) -> Located:
         scenario, ends = self.scenario, []
         nodes = self.scenario_map.network.nodes
-        for name, place in _requested(asked, nodes, 0, nodes - 1):
+        corners = {"origin": 0, "destination": nodes - 1}  # as in the paper
+        for name, place in _requested(
+            [(name, corners[name] if place is None else place) for name, place in asked], nodes
+        ):
             if not isinstance(place, int):
                 raise RouteError(f"{_one(name)} must be a node: a grid has no latitudes and longitudes", field=name)
-            ends.append(End(place, f"node {place}"))
+            ends.append(NodeEnd(place, f"node {place}"))
         start = GridClock(scenario.horizon)
         clock = start.clock(given.depart, given.field)
         if given.live is not None:
@@ -230,10 +236,10 @@ class TownLocator:
             streets=streets,
         )
 
-    def _on_streets(self, asked: Asked, avoid: Area | None) -> tuple[SplitStreets, tuple[End, ...], dict[str, Any]]:
+    def _on_streets(self, asked: Asked, avoid: Area | None) -> tuple[SplitStreets, tuple[NodeEnd, ...], dict[str, Any]]:
         """All places on streets that are split there, and facts of what is avoided."""
         town, known = self._snapper.town, self._streets.crossings.tolist()
-        places = _requested(asked, town.nodes, known[0], known[-1])
+        places = _requested(asked, town.nodes)
         found: list[int | StreetPoint] = []
         for name, place in places:
             if isinstance(place, int) and place not in known:
@@ -257,10 +263,10 @@ class TownLocator:
         avoided = {"avoided_streets": len(np.unique(streets.street[closed])), "avoided_area": area.rings}
         return replace(streets, network=network), ends, avoided
 
-    def _end(self, node: int, found: int | StreetPoint, asked: Place) -> End:
+    def _end(self, node: int, found: int | StreetPoint, asked: Place) -> NodeEnd:
         if isinstance(found, StreetPoint) and not isinstance(asked, int):
-            return End(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
-        return End(node, f"crossing {node}", *self._snapper.town.place[node, ::-1].tolist())
+            return NodeEnd(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
+        return NodeEnd(node, f"crossing {node}", *self._snapper.town.place[node, ::-1].tolist())
 
     def _with_counts(self, here: ScenarioMap, live: Counts | None, start: TownClock) -> tuple[ScenarioMap, int | None]:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""

@@ -46,6 +46,14 @@ class Outline(NamedTuple):
     """Of each polygon its outer ring and its holes, as lists of longitude and latitude; None on grids."""
 
 
+@dataclass(frozen=True)
+class NodeEnd(End):
+    """An end at which a node stands, if need be one in the middle of a street."""
+
+    node: int
+    """Number of the node; where a street is split, one beyond those of the town."""
+
+
 OnSegments = tuple[Float[np.ndarray, " segment"], Float[np.ndarray, " segment"]]
 """When each segment is entered, in s, infinite where it is not; and seconds on it."""
 
@@ -54,7 +62,7 @@ OnSegments = tuple[Float[np.ndarray, " segment"], Float[np.ndarray, " segment"]]
 class Located:
     """A request with all that a planner needs to know. On grids, as it stands, streets have no names or coordinates."""
 
-    ends: tuple[End, ...]
+    ends: tuple[NodeEnd, ...]
     """The places, in the order given."""
 
     facts: SceneFacts
@@ -109,6 +117,15 @@ class Located:
     def nodes(self) -> int:
         """Number of nodes, without those at which streets are split."""
         return self.scenario_map.network.nodes
+
+    def named(self, node: int) -> int | None:
+        """The number of a node as people may give it; None where a street is split, which nobody else knows of."""
+        return node if node < self.nodes else None
+
+    @property
+    def named_ends(self) -> tuple[End, ...]:
+        """The ends as answers have them."""
+        return tuple(End(**{**vars(end), "node": self.named(end.node)}) for end in self.ends)
 
     @property
     def town(self) -> Town | None:

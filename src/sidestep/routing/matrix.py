@@ -20,7 +20,22 @@ from sidestep.routing.trees import NAMES, Paths, minutes_or_none
 MOST_PLACES = 1_000
 """The most origins or destinations of one matrix."""
 
-Places = Sequence[Place | str] | Path | str
+WIDE = 80
+"""Characters of the widest line of a table."""
+
+LONGEST_LABEL = 30
+"""Characters of a place's name in the text."""
+
+
+@dataclass(frozen=True)
+class NamedPlace:
+    """A place of a file, which may have a name there."""
+
+    place: Place
+    label: str = ""
+
+
+Places = Sequence[NamedPlace | Place | str] | Path | str
 """Places one after the other, or a file of them."""
 
 Minutes = list[list[float | None]]
@@ -69,13 +84,15 @@ class TimeMatrix(SceneFacts):
         for row, origin in enumerate(self.origins):
             for column, destination in enumerate(self.destinations):
                 found = (each[row][column] for each in tables)
-                lines.writerow([origin.asked, destination.asked, *("" if each is None else each for each in found)])
+                lines.writerow([origin.called, destination.called, *("" if each is None else each for each in found)])
         return text.getvalue()
 
     def to_text(self) -> str:
         """Tables for people."""
         crowds = "if crowds are as expected" if self.futures is None else f"in {self.futures} simulated futures"
         lines = [f"Minutes by {self.planner}, departing {self.departs}, {crowds}, from each row to each column:"]
+        if self.destinations != self.origins:
+            lines += ["", "columns:", *_numbered(self.destinations)]
         titled = (("expected", self.minutes), ("half arrive within", self.p50), ("90 % arrive within", self.p90))
         for title, minutes in titled:
             if minutes is not None:
@@ -83,11 +100,27 @@ class TimeMatrix(SceneFacts):
         return "\n".join([*lines, "", *self.notes()]) + "\n"
 
     def _table(self, minutes: Minutes) -> list[str]:
-        rows = [
-            [origin.asked, *("none" if each is None else f"{each:.1f}" for each in row)]
-            for origin, row in zip(self.origins, minutes, strict=True)
-        ]
-        return table(["", *(f">{end.asked}" for end in self.destinations)], rows)
+        """The numbers of the destinations stand above their columns, as many beside each other as there is room for."""
+        froms = _numbered(self.origins) if self.destinations == self.origins else [_short(end) for end in self.origins]
+        cells = [["none" if each is None else f"{each:.1f}" for each in row] for row in minutes]
+        numbers = [f">{number}" for number in range(1, len(self.destinations) + 1)]
+        widest = max(len(text) for row in [numbers, *cells] for text in row)
+        room = max(1, (WIDE - max(map(len, froms))) // (widest + len("  ")))
+        lines: list[str] = []
+        for first in range(0, len(numbers), room):
+            block = slice(first, first + room)
+            rows = [[name, *row[block]] for name, row in zip(froms, cells, strict=True)]
+            lines += [*([""] if lines else []), *table(["", *numbers[block]], rows)]
+        return lines
+
+
+def _short(end: End) -> str:
+    return end.called if len(end.called) <= LONGEST_LABEL else f"{end.called[: LONGEST_LABEL - 1]}…"
+
+
+def _numbered(ends: Sequence[End]) -> list[str]:
+    width = len(str(len(ends)))
+    return [f"{number:{width}}  {_short(end)}" for number, end in enumerate(ends, start=1)]
 
 
 def time_matrix(located: Located, planner: Planner, origins: int, *, square: bool, futures: int | None) -> TimeMatrix:
@@ -111,18 +144,18 @@ def time_matrix(located: Located, planner: Planner, origins: int, *, square: boo
     TimeMatrix
         One search for each origin finds all of its row.
     """
-    froms, tos = located.ends[:origins], located.ends[:origins] if square else located.ends[origins:]
-    paths, ends = Paths(located, planner, futures), [end.node for end in tos]
+    tos = slice(origins) if square else slice(origins, None)
+    paths, ends = Paths(located, planner, futures), [end.node for end in located.ends[tos]]
     rows: dict[float | None, list[np.ndarray]] = {share: [] for share in paths.shares}
-    for origin in froms:
+    for origin in located.ends[:origins]:
         reach = paths.reach(origin.node, ends)
         for share in paths.shares:
             rows[share].append(reach.seconds[share][ends])
     found = {name: minutes_or_none(np.stack(rows[share])) for share, name in NAMES.items() if share in rows}
     return TimeMatrix(
         **vars(located.facts),
-        origins=froms,
-        destinations=tos,
+        origins=located.named_ends[:origins],
+        destinations=located.named_ends[tos],
         planner=planner.name,
         futures=futures,
         minutes=found["expected"],
@@ -131,7 +164,7 @@ def time_matrix(located: Located, planner: Planner, origins: int, *, square: boo
     )
 
 
-def read_places(field: str, given: Places) -> list[Place]:
+def read_places(field: str, given: Places) -> list[NamedPlace]:
     """Read places, or a file of them.
 
     Parameters
@@ -140,12 +173,12 @@ def read_places(field: str, given: Places) -> list[Place]:
         For errors: ``origins`` or ``destinations``.
     given
         Places as :func:`~sidestep.routing.request.read_place` takes them. A file has one place a line, a node or
-        latitude and longitude with a comma between them; what follows a second comma is ignored, and so are empty
-        lines, lines that begin with #, and a heading.
+        latitude and longitude with a comma between them. After a second comma the place may have a name (a node then
+        has nothing between both commas). Empty lines, lines that begin with #, and a heading are ignored.
 
     Returns
     -------
-    list of Place
+    list of NamedPlace
         At least one.
 
     Raises
@@ -158,21 +191,23 @@ def read_places(field: str, given: Places) -> list[Place]:
             places = list(_lines(field, file.read().decode("utf-8-sig")))
     else:
         check_list(field, given)
-        places = [found for each in given if (found := read_place(field, each)) is not None]
+        read = (each if isinstance(each, NamedPlace) else read_place(field, each) for each in given)
+        places = [each if isinstance(each, NamedPlace) else NamedPlace(each) for each in read if each is not None]
     if not 1 <= len(places) <= MOST_PLACES:
         raise RouteError(f"give 1 to {MOST_PLACES:,} {field}, not {len(places):,}", field=field)
     return places
 
 
-def _lines(field: str, text: str) -> Iterator[Place]:
+def _lines(field: str, text: str) -> Iterator[NamedPlace]:
     for number, line in enumerate(text.splitlines(), start=1):
-        words = [word.strip() for word in line.split(",")]
+        words = [word.strip() for word in next(csv.reader([line], skipinitialspace=True), [])]
         heading = number == 1 and words[0].lower() in ("lat", "latitude", "node")
         if heading or not any(words) or line.lstrip().startswith("#"):
             continue
         try:
-            place = read_place(field, ",".join(words[:2]) if len(words) > 1 else words[0])
+            place = read_place(field, ",".join(filter(None, words[:2])))
         except RouteError as error:
             raise RouteError(f"line {number}: {error}", field=field, line=number) from error
         if place is not None:
-            yield place
+            label = "".join(sign for sign in " ".join(words[2:3]) if sign.isprintable())
+            yield NamedPlace(place, label)

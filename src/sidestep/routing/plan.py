@@ -10,7 +10,7 @@ from sidestep.environment.types import Level
 from sidestep.network.geodesy import metres_between
 from sidestep.routing.directions import Leg, Step
 from sidestep.routing.facts import RequestFacts, StreetMap, collection
-from sidestep.routing.formats import Waypoint, feature, gpx, table
+from sidestep.routing.formats import GpxRoute, Waypoint, feature, gpx, table
 from sidestep.routing.request import on_map
 from sidestep.scenarios.model import objective_in_words
 
@@ -47,8 +47,14 @@ class WalkTimes:
 class BaselineTimes(WalkTimes):
     """Another planner in the same futures, or in the first of them."""
 
+    plan_median_minutes: float
+    """Median of the plan's times in the futures that both walked."""
+
+    plan_p90_minutes: float
+    """Their 90 % quantile."""
+
     mean_difference_minutes: float
-    """Above zero where it takes longer than the plan."""
+    """In the mean of these futures; above zero where it takes longer than the plan."""
 
     mean_difference_exposure: float | None
     """Above zero where it meets more people, person·s/m²; None where time is all that counts."""
@@ -75,8 +81,8 @@ class RoutePlan(RequestFacts, WalkTimes):
     planner: str
     """Name of the planner."""
 
-    nodes: list[int]
-    """Nodes along the route."""
+    nodes: list[int | None]
+    """Nodes along the route; None for an end in the middle of a street."""
 
     minutes: list[float]
     """Minutes after the departure at which each node is reached."""
@@ -190,7 +196,7 @@ class RoutePlan(RequestFacts, WalkTimes):
         return {name: value for name, value in self.to_json().items() if name not in {*elsewhere, "alternatives"}}
 
     def to_gpx(self) -> str:
-        """GPX 1.1: a route of the turns, and a track of the whole course.
+        """GPX 1.1: a route of the turns and a track of the whole course, and the same for each alternative.
 
         Times are local wall time without a zone, and left out where the departure has no day.
 
@@ -204,11 +210,22 @@ class RoutePlan(RequestFacts, WalkTimes):
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        course = self.course
-        length = f"{self.metres:,.0f} m, {self.expected_minutes:.1f} min"
-        summary = f"{self.planner}, departing {self.departs}: {length} if crowds are as expected"
+        summary = f"{self.planner}, departing {self.departs}: {self._length()} if crowds are as expected"
         zone = [] if self.departure is None else ["Times are local wall time"]
         about = ". ".join([summary, *self._arrival(), *self.sources[1:], *zone]) + "."
+        name = f"{self.origin.asked} to {self.destination.asked}"
+        others = [
+            other._gpx_route(f"alternative {number}, by {other.by_way_of}")  # noqa: SLF001
+            for number, other in enumerate(self.alternatives, start=1)
+        ]
+        return gpx(name, about, self.attribution, self.departure, [self._gpx_route(name), *others])
+
+    def _length(self) -> str:
+        return f"{self.metres:,.0f} m, {self.expected_minutes:.1f} min"
+
+    def _gpx_route(self, name: str) -> GpxRoute:
+        """The turns and the course, with the minutes at which each point is reached."""
+        course = self.course
         tracks = [
             [Waypoint(place, entered + share * leg.minutes) for place, share in _with_shares(leg.coordinates or [])]
             for leg, entered in zip(self.legs, self.minutes, strict=False)
@@ -218,14 +235,13 @@ class RoutePlan(RequestFacts, WalkTimes):
             turn, lasts = f"{step.turn}: {step.street}", f"{step.metres:.0f} m, {step.minutes:.1f} min"
             turns.append(replace(tracks[step.first_leg][0], name=turn, about=lasts))
         turns.append(Waypoint(course[-1], self.minutes[-1], "arrive" if self.arrives else "end"))
-        name = f"{self.origin.asked} to {self.destination.asked}"
-        return gpx(name, about, self.attribution, self.departure, turns, _joined(tracks))
+        return GpxRoute(name, self._length(), turns, _joined(tracks))
 
     def to_text(self) -> str:
         """Directions and times for people."""
         low = "" if self.objective is None else f", keeping low {objective_in_words(self.objective)}"
         missed = "" if self.arrives else " without arriving"
-        length = f"{self.metres:,.0f} m, {self.expected_minutes:.1f} min{missed}"
+        length = f"{self._length()}{missed}"
         crowds = f"{self.crowding}, {self.mean_density:.2f} persons/m², {self.exposure:,.0f} person·s/m² met"
         warning = f"{self.too_dense} of its streets are entered above the density that nobody should enter."
         ends = [end for end in (self.origin, self.destination) if end.metres_away >= 1]
@@ -271,9 +287,7 @@ class RoutePlan(RequestFacts, WalkTimes):
         """One line for each alternative, and one if there are fewer than were asked for."""
         lines = [""] if self.asked_alternatives else []
         for number, other in enumerate(self.alternatives, start=1):
-            length = (
-                f"{other.metres:,.0f} m, {other.expected_minutes:.1f} min, {100 * (other.shared or 0):.0f} % shared"
-            )
+            length = f"{other._length()}, {100 * (other.shared or 0):.0f} % shared"  # noqa: SLF001
             lines.append(f"Alternative {number}, by {other.by_way_of}: {length}; {other.crowding}; {other.in_words()}")
         if len(self.alternatives) < self.asked_alternatives:
             found = len(self.alternatives) or "No"
@@ -296,6 +310,9 @@ class RoutePlan(RequestFacts, WalkTimes):
         more, met = baseline.mean_difference_minutes, baseline.mean_difference_exposure
         crowd = "" if met is None else f", {abs(met):,.0f} person·s/m² {'more' if met >= 0 else 'less'} met"
         longer = f"on average {abs(more):.1f} min {'longer' if more >= 0 else 'shorter'}{crowd}"
+        if baseline.futures != self.futures:  # other futures, other times: those of the route above do not compare
+            there = f"median {baseline.plan_median_minutes:.1f} min, 90 % within {baseline.plan_p90_minutes:.1f} min"
+            longer = f"{longer} than the route (in these: {there})"
         return f"{name} in {futures}: {baseline.in_words()}; {longer}"
 
 

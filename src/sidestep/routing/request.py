@@ -90,10 +90,10 @@ class RouteRequest:
     """
 
     origin: Place | None = None
-    """Where the route begins: a node, or latitude and longitude in degrees; by default the first node."""
+    """Where the route begins: a node, or latitude and longitude in degrees; on grids by default the first node."""
 
     destination: Place | None = None
-    """Where it ends; by default the last node."""
+    """Where it ends; on grids by default the last node."""
 
     depart: Departure | None = None
     """By default the first hour at which people usually set out, or on grids the scenario's start. With ``arrive_by``

@@ -1,6 +1,7 @@
 """Planning many routes through one place from one process."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import NoneType
 
@@ -274,9 +275,12 @@ class Router:
         check_files(live=live, avoid=avoid)
         froms = read_places("origins", origins)
         places = froms if destinations is None else [*froms, *read_places("destinations", destinations)]
-        asked = [("origins" if number < len(froms) else "destinations", each) for number, each in enumerate(places)]
+        fields = ["origins"] * len(froms) + ["destinations"] * (len(places) - len(froms))
+        asked = [(field, each.place) for field, each in zip(fields, places, strict=True)]
         given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
         located = self._locate.locate(asked, given)
+        ends = tuple(replace(end, label=each.label) for end, each in zip(located.ends, places, strict=True))
+        located = replace(located, ends=ends)
         return time_matrix(located, self._search(planner), len(froms), square=destinations is None, futures=futures)
 
     def crowds(self, at: Departure | str | None = None, *, live: Counts | None = None) -> StreetCrowds:

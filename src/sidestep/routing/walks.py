@@ -111,8 +111,14 @@ class Walks:
         count, met = len(self.minutes), None
         if self.exposure is not None and plan.exposure is not None:
             met = float(np.mean(self.exposure - plan.exposure[:count]))
-        longer = float(np.mean(self.minutes - plan.minutes[:count]))
-        return BaselineTimes(**vars(self.times()), mean_difference_minutes=longer, mean_difference_exposure=met)
+        there = replace(plan, minutes=plan.minutes[:count], arrived=plan.arrived[:count]).times()
+        return BaselineTimes(
+            **vars(self.times()),
+            plan_median_minutes=there.median_minutes,
+            plan_p90_minutes=there.p90_minutes,
+            mean_difference_minutes=float(np.mean(self.minutes - plan.minutes[:count])),
+            mean_difference_exposure=met,
+        )
 
 
 class Walker:
@@ -182,7 +188,7 @@ class Walker:
         self, route: Route, walks: Walks, by: float | None, baselines: Mapping[str, BaselineTimes]
     ) -> RoutePlan:
         """Say everything of a route through the expected crowds, and of its walks through futures."""
-        located, (origin, destination) = self.located, self._ends
+        located, (origin, destination) = self.located, self.located.named_ends
         slot = min(int(located.clock // self.params.expected.slot_seconds), self.params.expected.slots - 1)
         legs, steps, streets = located.on_map(self._legs(route), self.density[:, slot])
         return RoutePlan(
@@ -192,7 +198,7 @@ class Walker:
             destination=destination,
             by_minutes=by,
             planner=self.planner.name,
-            nodes=list(route.nodes),
+            nodes=list(map(located.named, route.nodes)),
             minutes=[(clock - route.clocks[0]) / 60 for clock in route.clocks],
             legs=legs,
             steps=steps,
