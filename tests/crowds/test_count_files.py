@@ -56,6 +56,12 @@ def test_positions_that_are_none(counts: Path, text: str, line: int | None, fiel
     assert "\n" not in str(caught.value)
 
 
+def test_the_file_beside_outranks_the_columns(counts: Path) -> None:
+    counts.write_text("time,site,count,lat,lon\n2024-03-04T00,Quay,1,60,24\n2024-03-04T01,Quay,1,60,24\n")
+    assert read_counts(counts).positions.tolist() == [[60, 24]]
+    assert beside(counts, "sensor,latitude,longitude\nQuay,61,25\n").positions.tolist() == [[61, 25]]
+
+
 def test_what_is_written_is_read_alike(counts: Path, tmp_path: Path) -> None:
     table = beside(counts, "sensor,latitude,longitude\nHall,-60.5,180\nQuay,60.17,24.94\n")
     save_counts(table, tmp_path / "clean.csv")

@@ -598,3 +598,87 @@ def test_faults_are_repaired_as_in_the_bundled_counts(read: Read) -> None:
     ]
     assert np.flatnonzero(np.isnan(table.series("spiked"))).tolist() == [500, 900]
     assert np.isnan(table.series("dead")[24 * 28 : 24 * 38]).all()
+
+
+@pytest.mark.parametrize("form", ["{}", "{}000", "{}.0"])
+def test_seconds_since_1970(read: Read, form: str) -> None:
+    begins = 1711368000  # 2024-03-25T12:00 in UTC, 25 hours after midnight in Auckland
+    text = rows("timestamp,a", (f"{form.format(begins + 3600 * hour)},{hour}" for hour in FIVE))
+    table = read(text, timezone="Pacific/Auckland")
+    assert (str(table.times[0]), series(table)) == ("2024-03-26T01", {"a": [0, 1, 2, 3, 4]})
+    assert any("since 1970" in said for said in table.understood)
+    with pytest.raises(CountsError) as caught:
+        read(text)
+    assert (caught.value.field, caught.value.line) == ("timestamp", 2)
+    mixed = text.replace(form.format(begins + 3600), "2024-03-25T13:00")
+    with pytest.raises(CountsError) as caught:
+        read(mixed, timezone="Pacific/Auckland")
+    assert (caught.value.field, caught.value.line) == ("timestamp", 3)
+
+
+# --- Places ---------------------------------------------------------------------------------------------------------
+
+QUAY, HALL = (-36.84, 174.76), (-36.85, 174.77)
+
+
+@pytest.mark.parametrize(
+    ("head", "form"),
+    [
+        ("time,site,count,Latitude,Longitude", "{0},{1},{2},{3},{4}"),
+        ("lon,lat,time,site,count", "{4},{3},{0},{1},{2}"),
+        ("time,Sensor_Name,Location,count", '{0},{1},"{3}, {4}",{2}'),
+        ("time,site,geo_point_2d,count", '{0},{1},"({3}, {4})",{2}'),
+        ("time;site;count;lat;lon", "{0};{1};{2};{3};{4}"),
+    ],
+)
+def test_columns_of_places(read: Read, head: str, form: str) -> None:
+    cells = [
+        form.format(f"2024-03-25T0{hour}:00", name, hour, *place)
+        for hour in FIVE
+        for name, place in (("Quay", QUAY), ("Hall", HALL))
+    ]
+    table = read(rows(head, cells))
+    assert series(table) == {"Quay": [0, 1, 2, 3, 4], "Hall": [0, 1, 2, 3, 4]}
+    assert table.positions is not None
+    assert table.positions.tolist() == [list(QUAY), list(HALL)]
+    assert any(said.startswith("positions of sensors in ") for said in table.understood)
+
+
+def test_places_may_be_named_and_stand_in_some_rows(read: Read) -> None:
+    text = "time,site,count,y,x\n2024-03-25T00,Quay,1,,\n2024-03-25T01,Quay,2,-36.84,174.76\n"
+    table = read(text, latitude="y", longitude="x")
+    assert table.positions is not None
+    assert table.positions.tolist() == [list(QUAY)]
+    assert read(text).positions is None
+    empty = text.replace("-36.84,174.76", ",").replace(",y,x", ",lat,lon")
+    assert read(empty).positions is None
+    assert read_columns(["latitude=y,longitude=x"]) == {"latitude": "y", "longitude": "x"}
+
+
+def test_a_wide_table_of_one_sensor_may_have_its_place(read: Read) -> None:
+    text = rows("time,lat,lon,Quay", (f"2024-03-25T0{hour},-36.84,174.76,{hour}" for hour in FIVE))
+    table = read(text)
+    assert (series(table), table.positions is not None) == ({"Quay": [0, 1, 2, 3, 4]}, True)
+    both = read(text.replace("lon,Quay", "lon,Quay,Hall").replace("174.76,", "174.76,1,"))
+    assert (both.sensors, both.positions) == (("Quay", "Hall"), None)
+    assert any("'lat', 'lon'" in said for said in both.understood)
+
+
+@pytest.mark.parametrize(
+    ("text", "layout", "field", "line"),
+    [
+        ("time,site,count,lat,lon\n2024-03-25T00,Quay,1,174.76,-36.84\n", {}, "lat", 2),  # swapped
+        ("time,site,count,lat,lon\n2024-03-25T00,Quay,1,60,here\n", {}, "lon", 2),
+        ("time,site,count,lat,lon\n2024-03-25T00,Quay,1,60,24\n2024-03-25T01,Quay,1,60.01,24\n", {}, "lat", 2),
+        ("time,site,count,lat,lon\n2024-03-25T00,Quay,1,60,24\n2024-03-25T00,Hall,1,,\n", {}, "lat", None),
+        ("time,site,count,lat,lon\n2024-03-25T00,Quay,1,60,24\n", {"latitude": "lat"}, "latitude", None),
+        ("time,site,count,lat,lon\n2024-03-25T00,Quay,1,60,24\n", {"latitude": "y", "longitude": "lon"}, "y", None),
+    ],
+)
+def test_places_that_are_none(read: Read, text: str, layout: dict[str, str], field: str, line: int | None) -> None:
+    with pytest.raises(CountsError) as caught:
+        read(text, **layout)
+    assert (caught.value.field, caught.value.line) == (field, line)
+    assert "\n" not in str(caught.value)
+    if not layout:  # and what there is to do about it
+        assert read(text, ignore=("lat", "lon")).positions is None

@@ -88,3 +88,14 @@ def test_a_file_is_summarised_as_its_table_is_tested(tmp_path: Path) -> None:
     assert (found.order, found.ar, found.sigma) == ((1, 0, 0), e.arima_model.ar.tolist(), float(e.arima_model.sigma))
     assert found.simulated_mean == pytest.approx(found.counted_mean, rel=0.5)
     assert read_counts(path).repairs == found.repairs == ()
+
+
+def test_short_files_can_still_be_written(tmp_path: Path) -> None:
+    file = tmp_path / "short.csv"
+    file.write_text("time,Quay\n" + "".join(f"2024-03-04T{hour:02},{hour}\n" for hour in range(12)))
+    with pytest.raises(CountsError, match="--out") as caught:
+        summarise_counts(file, None, (1, 0, 0), 0)
+    assert caught.value.field == "Quay"
+    file.write_text("time,Quay\n2024-03-04T00,1\n")
+    with pytest.raises(CountsError, match="--out"):
+        summarise_counts(file, None, (1, 0, 0), 0)

@@ -138,7 +138,7 @@ def test_a_scenario_of_own_counts_begins_with_its_weeks(streets: Path, counts: P
     assert caught.value.field == "When"
     text = counts.read_text().replace("When", "time")
     counts.write_text("\n".join(line.replace("/24 ", "/2024 ") for line in text.split("\n")))
-    beginning = begin(str(streets), str(counts), "Pacific/Auckland")
+    beginning = begin(str(streets), str(counts), Layout(timezone="Pacific/Auckland"))
     # Nine weeks from a Wednesday on, of which eight are from Monday to Sunday; a quarter of them is tested in.
     assert (beginning.fitted, beginning.tested) == (("2024-03-06", "2024-04-22"), ("2024-04-22", "2024-05-06"))
     found = load_scenario(new_scenario(tmp_path, "quays", beginning))

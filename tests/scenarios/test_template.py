@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from sidestep.crowds.layouts import Layout
 from sidestep.files import OutputError
 from sidestep.scenarios.builtin import BUILT_IN
 from sidestep.scenarios.model import ObjectiveSpec, RewardSpec
 from sidestep.scenarios.places import CountColumns, Light, Traffic
 from sidestep.scenarios.reader import CountersFile, CrowdTableFile, ScenarioFile, TrafficFile, VenueFile, load_scenario
 from sidestep.scenarios.spec import ScenarioError
-from sidestep.scenarios.template import new_scenario
+from sidestep.scenarios.template import Beginning, new_scenario
 from sidestep.scenarios.walkers import WALKERS, Custom
 
 # Some tables are there to be uncommented.
@@ -90,6 +91,21 @@ def test_the_page_names_every_field() -> None:
     page = (Path(__file__).parents[2] / "docs" / "walkers.md").read_text("utf-8")
     for name in (*Custom.model_fields, *WALKERS):
         assert f"`{name}`" in page, name
+
+
+def test_what_counts_do_not_say_is_in_the_file(tmp_path) -> None:
+    said = Layout(
+        time='The "time"', sensor="Wo", count=("In", "Out"), latitude="y", longitude="x", date_format="%d.%m.%y %H",
+        decimal=",", timezone="Europe/Berlin",
+    )  # fmt: skip
+    (tmp_path / "c.csv").write_text("")
+    beginning = Beginning(counts=str(tmp_path / "c.csv"), layout=said, timezone=said.timezone)
+    found = tomllib.loads(new_scenario(tmp_path, "town", beginning).read_text("utf-8"))["place"]
+    source = found["crowd_source"]
+    assert (source["date_format"], source["decimal"], found["timezone"]) == ("%d.%m.%y %H", ",", "Europe/Berlin")
+    assert source["columns"] == {
+        "time": 'The "time"', "sensor": "Wo", "count": ["In", "Out"], "latitude": "y", "longitude": "x",
+    }  # fmt: skip
 
 
 def test_what_is_there_is_left_alone(tmp_path) -> None:

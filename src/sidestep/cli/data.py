@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
@@ -27,10 +27,7 @@ def counts(
     /,
     *,
     sensor: str | None = None,
-    columns: Annotated[list[str] | None, Parameter(negative=())] = None,
-    date_format: str | None = None,
-    decimal: Literal[".", ","] | None = None,
-    timezone: str | None = None,
+    reading: options.Reading = options.AS_FOUND,
     out: Path | None = None,
     p: options.Whole = 1,
     d: options.Whole | None = None,
@@ -46,15 +43,6 @@ def counts(
         Counts in a layout of docs/counts.md; by default Auckland's.
     sensor
         Sensor to model; by default the scenarios' own, or the first of the file.
-    columns
-        Columns that are not recognised: time=NAME,sensor=NAME,count=NAME, likewise date, hour, direction and ignore;
-        NAME+NAME sums directions. Repeatable.
-    date_format
-        Order of dates that do not tell it, day-first or month-first, or a format such as "%d/%m/%y %H:%M".
-    decimal
-        Mark before decimals, where the file does not tell.
-    timezone
-        Timezone of the place, such as Europe/Helsinki: for times with UTC offsets, and for clock changes.
     out
         File for the hours as they were understood and repaired, .csv; no model is fitted then.
     p
@@ -67,10 +55,7 @@ def counts(
         Seed of the simulated week shown beside the counts.
     """
     options.check_least(seed=seed)
-    from sidestep.crowds.layouts import Layout, read_columns
-
-    said = {"date_format": date_format, "decimal": decimal, "timezone": timezone}
-    layout = Layout(**read_columns(columns or []), **{key: value for key, value in said.items() if value is not None})  # type: ignore[arg-type]
+    layout = reading.layout()
     if out is not None:
         clean_counts(file, layout, out, as_json=as_json)
         return
@@ -108,7 +93,7 @@ def clean_counts(file: Path | None, layout: "Layout", out: Path, *, as_json: boo
         print_json(report_counts(table), out)
         return
     show_understood(report_counts(table))
-    print_text(f"Counts: {out}")
+    print(f"Counts: {out}")
 
 
 @counts_app.command(name="import")
@@ -153,7 +138,7 @@ def import_counts(
         print_json(report, out)
         return
     show_table(report)
-    print_text(f"Crowds: {out}")
+    print(f"Crowds: {out}")
 
 
 def import_osm(
@@ -194,7 +179,7 @@ def import_osm(
         print_json(report, out)
         return
     show_import(report)
-    print_text(f"Streets: {out} ({town.attribution})")
+    print(f"Streets: {out} ({town.attribution})")
 
 
 def new(
@@ -203,7 +188,7 @@ def new(
     *,
     streets: str = "helsinki",
     counts: str = "auckland",
-    timezone: str | None = None,
+    reading: options.Reading = options.AS_FOUND,
     as_json: options.Json = False,
 ) -> None:
     """Write a commented scenario file to start from; it runs as it is.
@@ -216,21 +201,20 @@ def new(
         Streets to begin with: a file, .npz or .graphml, or helsinki.
     counts
         Counts to begin with: a file, or auckland. If they know where sensors stand, those in the town stand there.
-    timezone
-        Timezone of the place, such as Europe/Helsinki; that of Helsinki and Auckland is known.
     """
     from sidestep.scenarios.template import begin, check_name, new_scenario
 
     check_name(name)
-    beginning = begin(streets, counts, timezone)
+    beginning = begin(streets, counts, reading.layout())
     file = new_scenario(Path(), name, beginning)
     if as_json:
         sensors = {"sensors": beginning.counted, "at_their_places": beginning.standing}
         print(json.dumps({"scenario": str(file), **sensors}, indent=2))
         return
-    if beginning.standing:
-        print_text(f"{beginning.standing} of {beginning.counted} sensors stand in this town, at their true places")
-    print_text(f"{file}: try `sidestep compare {file} --walks 50 --planners shortest-path`, then make it yours")
+    if beginning.located:
+        where = f"{beginning.standing} of {beginning.counted} sensors stand in this town, at their true places"
+        print_text(where if beginning.standing else f"{where}: a seed pairs all with streets")
+    print(f"{file}: try `sidestep compare {file} --walks 50 --planners shortest-path`, then make it yours")
 
 
 def _width(option: str) -> tuple[str, float]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
     from cyclopts import Token
 
+    from sidestep.crowds.layouts import Layout
     from sidestep.scenarios.model import Scenario
 
 
@@ -90,6 +91,34 @@ class Changes:
 
 
 UNCHANGED = Changes()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Reading:
+    """What a file of counts does not say itself."""
+
+    columns: Annotated[list[str] | None, Parameter(negative=())] = None
+    """Columns that are not recognised: time=NAME,sensor=NAME,count=NAME, likewise date, hour, direction, latitude,
+    longitude and ignore; NAME+NAME sums directions. Repeatable."""
+
+    date_format: str | None = None
+    """Order of dates that do not tell it, day-first or month-first, or a format such as "%d/%m/%y %H:%M"."""
+
+    decimal: Literal[".", ","] | None = None
+    """Mark before decimals, where the file does not tell."""
+
+    timezone: str | None = None
+    """Timezone of the place, such as Europe/Helsinki: for times with UTC offsets, and for clock changes."""
+
+    def layout(self) -> "Layout":
+        """As the reader of counts takes it."""
+        from sidestep.crowds.layouts import Layout, read_columns
+
+        return Layout(**changed_fields(replace(self, columns=None)), **read_columns(self.columns or []))
+
+
+AS_FOUND = Reading()
 
 
 def changed_fields(options: "DataclassInstance") -> dict[str, Any]:

@@ -12,6 +12,7 @@ def _in_order(text: str) -> tuple[str, ...]:
 
 
 TIMES = _names(
+    "epoch epochtime unixtime unixtimestamp "
     "time datetime datetimelocal localtime localdatetime timestamp timelocal dateandtime datehour starttime start "
     "begin timeofmeasurement sensingdatetime countdatetime dateobserved zeit zeitpunkt zeitstempel datumzeit "
     "datumuhrzeit horodatage dateheure dateetheuredecomptage fechahora aika aikaleima"
@@ -28,6 +29,8 @@ COUNTS = _in_order(
     "jalankulkijat piétons peatones"
 )
 LATITUDES, LONGITUDES = _names("latitude lat breitengrad"), _names("longitude lon lng long längengrad")
+PLACES = _names("location position coordinates geopoint geopoint2d latlon latlong latlng latitudelongitude")
+"""Columns whose cells have latitude and longitude."""
 DIRECTIONS = _names("direction directionname dir richtung sens suunta riktning sentido")
 NEVER_COUNTED = _names(
     "id index unnamed0 objectid rowid fid year month mdate day week weekday dayofweek dow dayname quarter hour "

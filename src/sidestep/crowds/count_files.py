@@ -6,10 +6,10 @@ from reprlib import repr as quoted
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from sidestep.crowds.column_names import LATITUDES, LONGITUDES, SENSORS, plain
-from sidestep.crowds.layouts import RECOGNISED, Roles, roles_of
+from sidestep.crowds.layouts import RECOGNISED, Roles, place_in, roles_of
 from sidestep.crowds.sheets import Sheet, open_sheet
 from sidestep.errors import SidestepError
 from sidestep.files import OutputError, whole_file
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from sidestep.crowds.counts import CountTable
 
 SUFFIX = ".csv"
+SAME_PLACE = 0.001
+"""Degrees within which a sensor stands in one place, about 100 m."""
 
 
 def positions_path(path: Path) -> Path:
@@ -61,7 +63,7 @@ def positions_beside(
     if name is None or None in degrees:
         raise error(f"{beside}: needs the columns sensor, latitude and longitude", field="sensor")
     names = sheet.read(name)[name].values(str, object).tolist()
-    latitude, longitude = (_degrees(sheet, str(each), most) for each, most in zip(degrees, (90.0, 180.0), strict=True))
+    latitude, longitude = (_degrees(sheet, str(each), axis) for axis, each in enumerate(degrees))
     place = dict(zip(names, np.stack([latitude, longitude], axis=1), strict=True))
     for sensor in sensors:
         if sensor not in place:
@@ -69,18 +71,72 @@ def positions_beside(
     return np.array([place[sensor] for sensor in sensors])
 
 
-def _degrees(sheet: Sheet, column: str, most: float) -> Float[np.ndarray, " row"]:
-    cells = sheet.read(column)[column]
+def positions_within(
+    sheet: Sheet, place: tuple[str, ...], sensor: Int[np.ndarray, " row"], sensors: tuple[str, ...]
+) -> Float[np.ndarray, "sensor 2"] | None:
+    """Read where sensors are from columns of the counts themselves.
+
+    Parameters
+    ----------
+    sheet
+        The file of counts.
+    place
+        Columns of latitudes and longitudes, or the one that has both; none: positions are not known.
+    sensor, sensors
+        The sensor of each row, and the names of all.
+
+    Returns
+    -------
+    positions
+        Latitude and longitude in degrees; None where no row has them.
+
+    Raises
+    ------
+    SidestepError
+        Of the sheet's type: degrees that are none, a sensor without a place beside others with one, and a sensor in two
+        places.
+    """
+    if not place:
+        return None
+    columns = (place[0], place[-1])
+    filled = np.logical_and.reduce([cells.values(bool, np.bool_) for cells in sheet.read(*place).values()])
+    if not filled.any():
+        return None
+    there = [_degrees(sheet, name, axis, filled) for axis, name in enumerate(columns)]
+    found = np.stack(there, axis=1)
+    hint = f"leave its place out by --columns ignore={'+'.join(place)}, and name places in a file beside the counts"
+    positions = np.full((len(sensors), 2), np.nan)
+    positions[sensor[filled]] = found[filled]
+    if np.isnan(positions).any():
+        name = sensors[int(np.argmax(np.isnan(positions[:, 0])))]
+        raise sheet.error(f"{sheet.source}: the sensor {quoted(name)} has no place; {hint}", field=place[0])
+    moved = filled & (np.abs(found - positions[sensor]) > SAME_PLACE).any(axis=1)
+    if moved.any():
+        row = int(np.argmax(moved))
+        raise sheet.refuse(row, place[0], f"the sensor {quoted(sensors[sensor[row]])} stands in two places; {hint}")
+    return positions
+
+
+def _degrees(
+    sheet: Sheet, column: str, axis: int, filled: Bool[np.ndarray, " row"] | None = None
+) -> Float[np.ndarray, " row"]:
+    """Degrees of latitude (axis 0) or longitude (axis 1) in a column; of a pair in one cell its part."""
+    cells, most = sheet.read(column)[column], (90.0, 180.0)[axis]
 
     def number(text: str) -> float:
+        both = place_in(text)
         try:
+            if both is not None:
+                return float(both[axis])
             return float(text if sheet.delimiter == "," else text.replace(",", "."))
         except ValueError:
             return np.nan
 
     values = cells.values(number, np.float64)
-    hint = "; latitude and longitude may be swapped" if most < 180 else ""
-    sheet.refuse_any(column, cells, ~(np.abs(values) <= most), f"is not between -{most:g} and {most:g} degrees{hint}")
+    wrong = ~(np.abs(values) <= most)
+    hint = "; latitude and longitude may be swapped" if axis == 0 else ""
+    refused = wrong if filled is None else wrong & filled
+    sheet.refuse_any(column, cells, refused, f"is not between -{most:g} and {most:g} degrees{hint}")
     return values
 
 

@@ -9,11 +9,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from sidestep.crowds import repairs as fix
 from sidestep.crowds.count_clock import Clock, check_order, check_skipped, read_clock, with_doubled_hours
 from sidestep.crowds.count_entries import Entries, read_entries
+from sidestep.crowds.count_files import positions_within
 from sidestep.crowds.dates import HOUR
 from sidestep.crowds.layouts import Layout, Roles, is_known, roles_of
 from sidestep.crowds.sheets import Sheet, open_sheet
@@ -37,6 +38,8 @@ class HourlyCounts:
     """Hours that are missing for a reason that a repair says."""
     understood: tuple[str, ...]
     """How the file was read, in words."""
+    positions: Float[np.ndarray, "sensor 2"] | None
+    """Latitude and longitude of the sensors in degrees, where the file has them."""
 
 
 def read_hourly(path: Path, layout: Layout, error: type[SidestepError]) -> HourlyCounts:
@@ -85,7 +88,9 @@ def read_hourly(path: Path, layout: Layout, error: type[SidestepError]) -> Hourl
     if clock.step < HOUR:
         said.append(f"counts of {clock.step // 60} minutes summed to hours")
     understood = (*said, *roles.understood, *clock.said, *marks)
-    return HourlyCounts(times, entries.sensors, counts, tuple(repairs), explained, understood)
+    sensor = entries.sensor_of[entries.part[: len(sheet.lines)]]
+    positions = positions_within(sheet, roles.place, sensor, entries.sensors)
+    return HourlyCounts(times, entries.sensors, counts, tuple(repairs), explained, understood, positions)
 
 
 def _hours(

@@ -173,7 +173,8 @@ def read_counts(path: str | os.PathLike[str], layout: Layout = RECOGNISED) -> Co
 
     Long tables have one row for each sensor and time, wide ones a column for each sensor. Counts of shorter intervals
     are summed to hours, and those of directions to sensors. docs/counts.md lists what is recognised. If a file
-    ``NAME.positions.csv`` stands beside ``NAME.csv``, it says where the sensors are.
+    ``NAME.positions.csv`` stands beside ``NAME.csv``, it says where the sensors are; otherwise columns of latitudes and
+    longitudes do.
 
     Parameters
     ----------
@@ -208,7 +209,8 @@ def read_counts(path: str | os.PathLike[str], layout: Layout = RECOGNISED) -> Co
     """
     hourly = read_hourly(Path(path), layout, CountsError)
     counts, faults = fix.repair_sensors(hourly.times, hourly.counts, hourly.sensors, hourly.explained)
-    positions = positions_beside(Path(path), hourly.sensors, CountsError)
+    beside = positions_beside(Path(path), hourly.sensors, CountsError)
+    positions = hourly.positions if beside is None else beside
     repairs = (*hourly.repairs, *faults)
     return CountTable(hourly.times, hourly.sensors, counts, positions, repairs, os.fspath(path), hourly.understood)
 

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import UTC, date, datetime
 from reprlib import repr as quoted
 from typing import TYPE_CHECKING, Literal
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 HOUR, DAY = 3600, 86400
+SINCE = "since 1970"
 DAY_FIRST, MONTH_FIRST = "day-first", "month-first"
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 """Years in which people may have been counted; others are mistyped, and calendars and timezones end somewhere."""
@@ -56,6 +57,8 @@ _FORMS = {
         rf"(?P<y>\d{{4}}){_THEN}",
     }.items()
 }
+# Since 1970; numbers that begin with 19 or 20 are years, and before 2030 no second begins so.
+_SINCE = re.compile(r"(1[0-8]\d{8})(000)?(?:\.0+)?")
 _HOURS = re.compile(rf"(?:{_CLOCK}|(?P<four>\d{{3,4}}))(?:\s*(?:-|–|to|bis)\s*(?:{_END}|\d{{3,4}}))?", re.IGNORECASE)
 _WITH_TIME = re.compile(r"%[HIcXsT]")
 
@@ -185,6 +188,8 @@ def _days(
     """Days since 1970 of each different cell, and how they were read."""
     numbers = np.array([(each.year, each.first, each.second) for each in written], np.int64)
     understood = []
+    if written[0].form[0] == SINCE:
+        understood.append(f"times are {written[0].form[1]} since 1970, in UTC")
     if written[0].form[0] == "year last":
         day_first, why = _order(sheet, name, cells, numbers, date_format)
         understood.append(f"dates have the {'day' if day_first else 'month'} first{why}")
@@ -239,6 +244,10 @@ def _ordinal(year: int, month: int, day: int) -> int | None:
 
 
 def _date(text: str) -> _Written | None:
+    if found := _SINCE.fullmatch(text):
+        time = datetime.fromtimestamp(int(found[1]), UTC)
+        unit = "milliseconds" if found[2] else "seconds"
+        return _Written((SINCE, unit), time.year, time.month, time.day, int(found[1]) % DAY, offset=0)
     for name, pattern in _FORMS.items():
         if (found := pattern.fullmatch(text)) is None:
             continue

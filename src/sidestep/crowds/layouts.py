@@ -16,8 +16,11 @@ from sidestep.crowds.column_names import (
     DATES,
     DIRECTIONS,
     HOURS,
+    LATITUDES,
+    LONGITUDES,
     NEVER_COUNTED,
     PAIRS,
+    PLACES,
     SENSORS,
     TIMES,
     TOTALS,
@@ -47,6 +50,10 @@ class Layout:
     """Column that tells a sensor's rows of one time apart; they are summed."""
     ignore: tuple[str, ...] = ()
     """Columns without a meaning here."""
+    latitude: str = ""
+    """Column of the sensors' latitudes, in degrees; beside ``longitude``."""
+    longitude: str = ""
+    """Column of their longitudes."""
     date_format: str = ""
     """``day-first``, ``month-first``, or a format such as ``%d/%m/%y %H:%M``."""
     decimal: Literal["", ".", ","] = ""
@@ -63,7 +70,7 @@ class Layout:
 
 RECOGNISED = Layout()
 MOST_LISTED = 12  # names in one sentence
-COLUMNS = tuple(field.name for field in fields(Layout))[:7]
+COLUMNS = tuple(field.name for field in fields(Layout))[:9]
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,8 @@ class Roles:
     """Columns of counts that are summed, by sensor; of a long table they have the name ""."""
     direction: str = ""
     unused: tuple[str, ...] = ()
+    place: tuple[str, ...] = ()
+    """Columns of the sensors' latitudes and longitudes, or one of both; empty where they are not known."""
 
     @property
     def understood(self) -> list[str]:
@@ -94,6 +103,8 @@ class Roles:
             said.append(f"directions summed: {' + '.join(self.counts[''])}")
         if self.direction:
             said.append(f"directions summed: rows that differ in {self.direction!r}")
+        if self.place:
+            said.append(f"positions of sensors in {_listed(self.place)}")
         if self.unused:
             said.append(f"columns left out: {_listed(self.unused)}")
         return said
@@ -168,7 +179,8 @@ def roles_of(sheet: Sheet, layout: Layout) -> Roles:
     named = _check_named(sheet, layout)
     free = [name for name in sheet.names if not any(name in names for names in named.values())]
     when = _when(sheet, layout, free)
-    free = [name for name in free if name not in when]
+    place = _place(sheet, layout, free)
+    free = [name for name in free if name not in (*when, *place)]
     sensor = (layout.sensor,) if layout.sensor else _sensor(sheet, layout, free)
     counts = named.get("count", ())
     if sensor and not counts:
@@ -179,9 +191,9 @@ def roles_of(sheet: Sheet, layout: Layout) -> Roles:
             raise sheet.error(f"{sheet.source}: {said}", field="count")
     if counts:
         direction = layout.direction or next(iter(_known(free, DIRECTIONS)), "")
-        used = {*when, *sensor, *counts, direction}
+        used = {*when, *sensor, *counts, *place, direction}
         unused = tuple(name for name in sheet.names if name not in used)
-        return Roles(when, sensor, {"": counts}, direction, unused)
+        return Roles(when, sensor, {"": counts}, direction, unused, place)
     wide, times = _split_by(
         lambda name: holds(sheet.first[name], layout.date_format) not in ("time", "date"),
         [name for name in sheet.names if name in free and name not in when],
@@ -190,7 +202,10 @@ def roles_of(sheet: Sheet, layout: Layout) -> Roles:
     if not sensors:
         said = f"no column of counts beside {_listed(when)}; give one for each sensor"
         raise sheet.error(f"{sheet.source}: {said}", field=when[0])
-    return Roles(when, (), sensors, "", (*left_out, *times, *named.get("ignore", ())))
+    left_out = (*left_out, *times, *named.get("ignore", ()))
+    if len(sensors) > 1:  # whose place it is, nobody knows
+        return Roles(when, (), sensors, "", (*left_out, *place))
+    return Roles(when, (), sensors, "", left_out, place)
 
 
 def _check_named(sheet: Sheet, layout: Layout) -> dict[str, tuple[str, ...]]:
@@ -244,8 +259,28 @@ def _sensor(sheet: Sheet, layout: Layout, free: list[str]) -> tuple[str, ...]:
     return (*names[:1], *numbers[:1])
 
 
+def _place(sheet: Sheet, layout: Layout, free: list[str]) -> tuple[str, ...]:
+    """The columns of latitudes and longitudes, or the one that has both."""
+    if bool(layout.latitude) != bool(layout.longitude):
+        raise sheet.error(f"{sheet.source}: name both columns, latitude and longitude", field="latitude")
+    if layout.latitude:
+        return layout.latitude, layout.longitude
+    apart = tuple(name for names in (LATITUDES, LONGITUDES) for name in free if plain(name) in names)
+    if len(apart) == 2 and all(
+        plain(name) in names for name, names in zip(apart, (LATITUDES, LONGITUDES), strict=True)
+    ):
+        return apart
+    return tuple(name for name in free if plain(name) in PLACES and _is_place(sheet.first[name]))[:1]
+
+
 def _is_place(cell: str) -> bool:
-    return re.fullmatch(r"\(?[-+]?\d+\.\d+\s*[,; ]\s*[-+]?\d+\.\d+\)?", cell) is not None
+    return place_in(cell) is not None
+
+
+def place_in(cell: str) -> tuple[str, str] | None:
+    """Latitude and longitude as they are written in one cell; None where it has other text."""
+    found = re.fullmatch(r"\(?([-+]?\d+\.\d+)\s*[,; ]\s*([-+]?\d+\.\d+)\)?", cell)
+    return None if found is None else (found[1], found[2])
 
 
 def _known(free: Iterable[str], names: Iterable[str]) -> tuple[str, ...]:

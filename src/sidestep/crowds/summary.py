@@ -138,7 +138,12 @@ def summarise_counts(
     table = counts.load_auckland() if file is None else counts.read_counts(file, layout)
     sensor = sensor or (DEFAULT_SENSOR if file is None else table.sensors[0])
     train, test = periods(table)
-    found = one_step_errors(table, sensor, train, test, order)
+    table.series(sensor)
+    try:
+        found = one_step_errors(table, sensor, train, test, order)
+    except CountsError as error:
+        hint = "--out clean.csv writes the counts as they were understood, without a model"
+        raise CountsError(f"{error}; {hint}", field=error.field) from error
     model = found.arima_model
     training = table.between(*train).series(sensor)
     innovations = jax.random.normal(jax.random.key(seed % 2**32), (HOURS_OF_WEEK,))

@@ -123,6 +123,9 @@ class CountColumns(Spec):
     """What tells a sensor's rows of one time apart; they are summed."""
     ignore: tuple[values.Line, ...] = ()
     """Columns without a meaning here."""
+    latitude: values.Remark = ""
+    """Latitudes of the sensors, in degrees; beside ``longitude``."""
+    longitude: values.Remark = ""
 
 
 class Counters(Spec):

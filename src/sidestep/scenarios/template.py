@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
 from tempfile import TemporaryDirectory
@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from sidestep.crowds.counts import AUCKLAND_TIMEZONE, TEST, TRAIN, CountsError, CountTable, Period
+from sidestep.crowds.layouts import RECOGNISED, Layout
 from sidestep.files import OutputError, reason
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, HELSINKI_TIMEZONE
 from sidestep.scenarios.places import Sensor, Venue
@@ -31,8 +32,12 @@ class Beginning:
     timezone: str | None = HELSINKI_TIMEZONE
     sensors: tuple[Sensor, ...] = AUCKLAND_SENSORS
     """Those that are paired with streets; or, at their places, those that stand in the town."""
+    layout: Layout = RECOGNISED
+    """What the counts do not say themselves."""
     counted: int = len(AUCKLAND_SENSORS)
     """Sensors of the counts."""
+    located: bool = False
+    """Whether the counts know where their sensors stand."""
     fitted: Period = TRAIN
     tested: Period = TEST
 
@@ -42,15 +47,16 @@ class Beginning:
         return sum(sensor.place is not None for sensor in self.sensors)
 
 
-def begin(streets: str, counts: str, timezone: str | None = None) -> Beginning:
+def begin(streets: str, counts: str, layout: Layout = RECOGNISED) -> Beginning:
     """Look at the streets and the counts that a scenario is to begin with.
 
     Parameters
     ----------
     streets, counts
         Files, or what comes with the package.
-    timezone
-        IANA name; by default Auckland's with Auckland's counts at their true places, Helsinki's with its streets.
+    layout
+        What the counts do not say themselves. Its timezone is by default Auckland's with Auckland's counts at their
+        true places, Helsinki's with its streets.
 
     Returns
     -------
@@ -62,18 +68,22 @@ def begin(streets: str, counts: str, timezone: str | None = None) -> Beginning:
     SidestepError
         Files that cannot be read, an unknown timezone, fewer than six weeks of counts.
     """
+    timezone = layout.timezone
     if Beginning(streets, counts, timezone or HELSINKI_TIMEZONE) == Beginning():
         return Beginning()  # without a look at what comes with the package
     from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
     from sidestep.scenarios.streets import town_of
 
-    given = Venue(timezone=timezone or (HELSINKI_TIMEZONE if streets == "helsinki" else None))
-    table, town = counts_of(counts, given.layout), town_of(streets)
+    given = timezone or (HELSINKI_TIMEZONE if streets == "helsinki" else None)
+    layout = replace(layout, timezone=given)
+    Venue(timezone=given)  # which checks it
+    table, town = counts_of(counts, layout), town_of(streets)
     standing = standing_sensors(table, town)
     every = AUCKLAND_SENSORS if counts == "auckland" else tuple(Sensor(name=name) for name in table.sensors)
     fitted, tested = (TRAIN, TEST) if counts == "auckland" else _periods(table)
-    home = AUCKLAND_TIMEZONE if counts == "auckland" and standing else given.timezone
-    return Beginning(streets, counts, timezone or home, standing or every, len(every), fitted, tested)
+    home = AUCKLAND_TIMEZONE if counts == "auckland" and standing else given
+    located = table.positions is not None
+    return Beginning(streets, counts, timezone or home, standing or every, layout, len(every), located, fitted, tested)
 
 
 def _periods(table: CountTable) -> tuple[Period, Period]:
@@ -206,7 +216,19 @@ def template(name: str, beginning: Beginning = Beginning(), folder: Path = Path(
         "tested": ", ".join(beginning.tested),
         "sensors": sensors.strip(),
     }
-    return Template(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).substitute(values)
+    text = Template(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).substitute(values)
+    return _with_layout(text, beginning.layout)
+
+
+def _with_layout(text: str, layout: Layout) -> str:
+    """Say in the text of a scenario file what counts do not say themselves, in place of the examples in comments."""
+    table = "[place.crowd_source.columns]"
+    said: dict[str, object] = {name: value for name in ("date_format", "decimal") if (value := getattr(layout, name))}
+    said |= {name: names if name in ("count", "ignore") else names[0] for name, names in layout.named.items()}
+    for name, value in said.items():
+        line = f"{name} = {json.dumps(value, ensure_ascii=False)}"
+        text = re.sub(rf"(?m)^# {name} = .*$", lambda _, line=line: line, text, count=1)  # type: ignore[misc]
+    return text.replace(f"# {table}", table, 1) if layout.named else text
 
 
 def _from(file: str, built_in: str, folder: Path) -> str:
