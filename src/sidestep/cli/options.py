@@ -115,7 +115,8 @@ class Reading:
         """As the reader of counts takes it."""
         from sidestep.crowds.layouts import Layout, read_columns
 
-        return Layout(**changed_fields(replace(self, columns=None)), **read_columns(self.columns or []))
+        said: dict[str, Any] = {**changed_fields(replace(self, columns=None)), **read_columns(self.columns or [])}
+        return Layout(**said)
 
 
 AS_FOUND = Reading()
