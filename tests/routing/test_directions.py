@@ -119,6 +119,13 @@ def test_a_square_is_crossed_in_one_step_however_the_way_bends(kind: str, name: 
     ]
 
 
+def test_a_bend_within_a_few_metres_is_no_turn() -> None:
+    bends = [leg((0, 0), (0, 50)), leg((0, 50), (6, 58)), leg((6, 58), (6, 100)), leg((6, 100), (50, 144))]
+    assert [(step.turn, step.first_leg) for step in directions(bends)] == [("head north", 0), ("bear right", 3)]
+    corner = [leg((0, 0), (0, 50)), leg((0, 50), (8, 50)), leg((8, 50), (8, 100))]
+    assert [step.turn for step in directions(corner)] == ["head north", "turn right", "turn left"]
+
+
 def test_who_turns_round_is_told_so() -> None:
     steps = directions([leg((0, 0), (50, 0), name="Quay"), leg((50, 0), (0, 0), name="Quay")])
     assert [step.turn for step in steps] == ["head east", "turn round"]

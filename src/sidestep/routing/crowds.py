@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from sidestep.crowds.base import FlowModel
 from sidestep.network.graph import RoadNetwork
-from sidestep.routing.directions import CROWDING, crowding_word
+from sidestep.routing.directions import CROWDING, crowding_word, street_label
 from sidestep.routing.facts import SceneFacts, StreetMap, collection
 from sidestep.routing.formats import feature, table
 from sidestep.routing.located import Located
@@ -101,7 +101,7 @@ class StreetCrowds(SceneFacts):
         densest = sorted(self.streets, key=lambda street: -street.density)[:LISTED]
         rows = [
             (
-                street.name or (street.kind or "").replace("_", " "),
+                street_label(street.name, street.kind),
                 "{} to {}".format(*street.nodes),
                 f"{street.metres:,.0f}",
                 street.crowding,

@@ -77,9 +77,8 @@ class Leg:
 
     @property
     def label(self) -> str:
-        """What people call the street: its name, or its kind."""
-        kind = self.kind or ""
-        return self.name or _KINDS.get(kind, kind.replace("_", " "))
+        """What people call the street."""
+        return street_label(self.name, self.kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +105,11 @@ class Step:
 
     crowding: str
     """A word for the density."""
+
+
+def street_label(name: str | None, kind: str | None) -> str:
+    """What people call a street: its name, or its kind; empty on grids."""
+    return name or _KINDS.get(kind or "", (kind or "").replace("_", " "))
 
 
 def mean_density(legs: Sequence[Leg]) -> float:
@@ -210,4 +214,6 @@ def _joins(before: Leg, after: Leg, turn: str) -> bool:
     # "Footway" is no name: two of them that meet in a corner are not the same. Of a square people see all at once.
     same = before.label == after.label and bool(before.name) == bool(after.name)
     one = bool(after.name) or after.kind in ACROSS
-    return same and (turn == "straight on" or (one and turn != "turn round"))
+    # Over so few metres a bend is no turn.
+    bend = turn.startswith("bear") and min(before.metres, after.metres) < SIGHT
+    return same and (turn == "straight on" or bend or (one and turn != "turn round"))
