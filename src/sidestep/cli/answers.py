@@ -1,6 +1,7 @@
 """Printing and writing answers, and the options that ask for them."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,7 +30,74 @@ Live = Annotated[Path | None, Parameter(help="In towns: current counts, hourly, 
 Avoid = Annotated[
     Path | None, Parameter(help="In towns: GeoJSON file of polygons; streets that cross them are not walked.")
 ]
+Futures = Annotated[
+    options.Whole | None,
+    Parameter(
+        help="Simulated futures; by default 200, in towns 20 for planners that see all counts, 1 without chance."
+    ),
+]
+Model = Annotated[Path | None, Parameter(help="Folder of a trained model, for the planner darp.")]
 OutFile = Annotated[Path | None, Parameter(help="File to write to instead of printing.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Given:
+    """What most questions say beside their places."""
+
+    depart: Depart = None
+
+    live: Live = None
+
+    avoid: Avoid = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Planned(Given):
+    """The same, and who plans."""
+
+    planner: str | None = None
+    """Who plans, by name (see sidestep planners) or as MODULE:NAME; by default expected, the fastest route if crowds
+    are as usual, or darp with --model. snapshot and forecast see all counts on the way."""
+
+    futures: Futures = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Searched(Given):
+    """The same, and who searches the paths to everywhere."""
+
+    planner: str | None = None
+    """Whose paths are walked: expected, the default, or shortest-path."""
+
+    futures: options.Whole | None = None
+    """Simulated futures; without, crowds are as expected."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Place:
+    """Which of a scenario's maps, and what is changed there."""
+
+    index: options.MapNumber = 0
+    changes: options.Changes = options.UNCHANGED
+    seed: options.Seed = 0
+
+    def check(self) -> None:
+        """Refuse numbers below their least value."""
+        options.check_least(seed=self.seed, map=self.index)
+
+    def router(self, scenario: str, model: Path | None = None) -> "Router":
+        """The router of a scenario with these options applied."""
+        from sidestep.routing.router import Router
+
+        found = options.read_scenario(scenario, self.changes)
+        return Router(found, model=model, seed=self.seed, index=self.index)
+
+
+PLANNED, SEARCHED, FIRST_MAP = Planned(), Searched(), Place()
 
 
 def check_output(output: str, out: Path | None, *, as_json: bool) -> None:
@@ -82,23 +150,3 @@ def show(answer: Any, draw: str, output: str, out: Path | None, *, as_json: bool
         print(shown, end="")
     else:
         write_text(out, shown)
-
-
-def router(
-    scenario: str, changes: options.Changes, *, model: Path | None = None, seed: int = 0, index: int = 0
-) -> "Router":
-    """The router of a scenario with its options applied.
-
-    Parameters
-    ----------
-    scenario, changes, model, seed, index
-        The options.
-
-    Returns
-    -------
-    Router
-        As it stands.
-    """
-    from sidestep.routing.router import Router
-
-    return Router(options.read_scenario(scenario, changes), model=model, seed=seed, index=index)
