@@ -94,6 +94,10 @@ def test_files_of_places(router, tmp_path) -> None:
     file.write_text("0,,corner\n4,,\n")
     assert [end.called for end in router.matrix(file, depart=NOON).origins] == ["corner", "crossing 4"]
     assert found.minutes == [[0, walk(300)], [by_stairs(100), 0]]
+    file.write_text(f"0\n1,,{'x' * 200_000}\n")
+    with pytest.raises(SidestepError) as caught:
+        router.matrix(file, depart=NOON)
+    assert (caught.value.field, caught.value.line) == ("origins", 2)
     file.write_text("0\nhere\n")
     with pytest.raises(SidestepError) as caught:
         router.matrix([0], file, depart=NOON)

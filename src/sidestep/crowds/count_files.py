@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from sidestep.crowds.column_names import LATITUDES, LONGITUDES, SENSORS, plain
 from sidestep.crowds.layouts import RECOGNISED, Roles, place_in, roles_of
-from sidestep.crowds.sheets import Sheet, open_sheet
+from sidestep.crowds.sheets import Cells, Sheet, open_sheet
 from sidestep.errors import SidestepError
 from sidestep.files import OutputError, whole_file
 
@@ -62,8 +62,10 @@ def positions_beside(
     name, *degrees = found
     if name is None or None in degrees:
         raise error(f"{beside}: needs the columns sensor, latitude and longitude", field="sensor")
-    names = sheet.read(name)[name].values(str, object).tolist()
-    latitude, longitude = (_degrees(sheet, str(each), axis) for axis, each in enumerate(degrees))
+    columns = [str(each) for each in degrees]
+    cells, every = sheet.read(name, *columns), np.ones(len(sheet.lines), bool)
+    names = cells[name].values(str, object).tolist()
+    latitude, longitude = (_degrees(sheet, each, cells[each], axis, every) for axis, each in enumerate(columns))
     place = dict(zip(names, np.stack([latitude, longitude], axis=1), strict=True))
     for sensor in sensors:
         if sensor not in place:
@@ -98,11 +100,11 @@ def positions_within(
     """
     if not place:
         return None
-    columns = (place[0], place[-1])
-    filled = np.logical_and.reduce([cells.values(bool, np.bool_) for cells in sheet.read(*place).values()])
+    columns, cells = (place[0], place[-1]), sheet.read(*place)
+    filled = np.logical_and.reduce([each.values(bool, np.bool_) for each in cells.values()])
     if not filled.any():
         return None
-    there = [_degrees(sheet, name, axis, filled) for axis, name in enumerate(columns)]
+    there = [_degrees(sheet, name, cells[name], axis, filled) for axis, name in enumerate(columns)]
     found = np.stack(there, axis=1)
     hint = f"leave its place out by --columns ignore={'+'.join(place)}, and name places in a file beside the counts"
     positions = np.full((len(sensors), 2), np.nan)
@@ -118,10 +120,10 @@ def positions_within(
 
 
 def _degrees(
-    sheet: Sheet, column: str, axis: int, filled: Bool[np.ndarray, " row"] | None = None
+    sheet: Sheet, column: str, cells: Cells, axis: int, filled: Bool[np.ndarray, " row"]
 ) -> Float[np.ndarray, " row"]:
-    """Degrees of latitude (axis 0) or longitude (axis 1) in a column; of a pair in one cell its part."""
-    cells, most = sheet.read(column)[column], (90.0, 180.0)[axis]
+    """Degrees of latitude (axis 0) or longitude (axis 1) in a column, in rows that are filled; of a pair its part."""
+    most = (90.0, 180.0)[axis]
 
     def number(text: str) -> float:
         both = place_in(text)
@@ -133,10 +135,9 @@ def _degrees(
             return np.nan
 
     values = cells.values(number, np.float64)
-    wrong = ~(np.abs(values) <= most)
+    wrong = filled & ~(np.abs(values) <= most)
     hint = "; latitude and longitude may be swapped" if axis == 0 else ""
-    refused = wrong if filled is None else wrong & filled
-    sheet.refuse_any(column, cells, refused, f"is not between -{most:g} and {most:g} degrees{hint}")
+    sheet.refuse_any(column, cells, wrong, f"is not between -{most:g} and {most:g} degrees{hint}")
     return values
 
 

@@ -200,7 +200,10 @@ def read_places(field: str, given: Places) -> list[NamedPlace]:
 
 def _lines(field: str, text: str) -> Iterator[NamedPlace]:
     for number, line in enumerate(text.splitlines(), start=1):
-        words = [word.strip() for word in next(csv.reader([line], skipinitialspace=True), [])]
+        try:
+            words = [word.strip() for word in next(csv.reader([line], skipinitialspace=True), [])]
+        except csv.Error as error:
+            raise RouteError(f"line {number}: {error}", field=field, line=number) from error
         heading = number == 1 and words[0].lower() in ("lat", "latitude", "node")
         if heading or not any(words) or line.lstrip().startswith("#"):
             continue
