@@ -452,6 +452,23 @@ def test_counts_of_an_own_file(sidestep, tmp_path):
     assert all(error > 0 for error in found["rmse"].values())
 
 
+def test_a_scenario_of_counts_that_know_their_places(sidestep, tmp_path):
+    begins = 1709251200  # 2024-03-01T00:00 in UTC
+    rows = [f"{begins + 3600 * hour},{hour % 24},60.1700,24.9400" for hour in range(24 * 7 * 9)]
+    (tmp_path / "c.csv").write_text("\n".join(["timestamp,Many,y,x", *rows, ""]))
+    named = ("--counts", "c.csv", "--columns", "count=Many,latitude=y,longitude=x", "--timezone", "Europe/Helsinki")
+    half = sidestep("new", "town", "--counts", "c.csv", "--columns", "count=Many,latitude=y", cwd=tmp_path)
+    assert "longitude" in one_sentence(half)
+    done = sidestep("new", "town", *named, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["sensors"], found["at_their_places"]) == (1, 1)
+    assert "SYNTHETIC" not in (tmp_path / "town" / "scenario.toml").read_text()
+    done = sidestep("crowds", "town/scenario.toml", "--at", "Fri 17:30", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["synthetic"] == ""
+
+
 def test_counts_of_a_publisher_are_understood_and_written(sidestep, tmp_path):
     times = [
         f"March {day:02}, 2024 {hour % 12 or 12}:00 {'AP'[hour // 12]}M" for day in range(1, 29) for hour in range(24)

@@ -8,6 +8,7 @@ import pytest
 
 from sidestep.crowds.counts import CountsError
 from sidestep.crowds.layouts import Layout
+from sidestep.errors import SidestepError
 from sidestep.network.formats import save_town
 from sidestep.network.osm import import_osm
 from sidestep.routing.locate import Circumstances, locator
@@ -147,6 +148,21 @@ def test_a_scenario_of_own_counts_begins_with_its_weeks(streets: Path, counts: P
     counts.write_text("\n".join(counts.read_text().split("\n")[: 5 * 168 * 4]))
     with pytest.raises(CountsError):
         begin(str(streets), str(counts))
+
+
+@pytest.mark.parametrize(
+    ("layout", "field"),
+    [
+        (Layout(time="When"), "columns"),
+        (Layout(latitude="y"), "columns"),
+        (Layout(date_format="day-first"), "date_format"),
+        (Layout(decimal=","), "decimal"),
+    ],
+)
+def test_the_bundled_counts_are_known(layout: Layout, field: str) -> None:
+    with pytest.raises(SidestepError) as caught:
+        begin("helsinki", "auckland", layout)
+    assert caught.value.field == field
 
 
 def test_departures_with_an_offset_are_turned_into_the_venues_time() -> None:

@@ -56,6 +56,8 @@ def counts(
     """
     options.check_least(seed=seed)
     layout = reading.layout()
+    if file is None:
+        layout.check_needed()
     if out is not None:
         clean_counts(file, layout, out, as_json=as_json)
         return

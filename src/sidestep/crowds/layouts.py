@@ -67,6 +67,20 @@ class Layout:
         said = {key: getattr(self, key) for key in COLUMNS}
         return {key: (value,) if isinstance(value, str) else value for key, value in said.items() if value}
 
+    def check_needed(self) -> None:
+        """Refuse what is said of the counts that come with the package, which are known.
+
+        Raises
+        ------
+        SidestepError
+            Anything but a timezone; ``field`` is ``columns``, ``date_format`` or ``decimal``.
+        """
+        said = {"columns": self.named, "date_format": self.date_format, "decimal": self.decimal}
+        for field, value in said.items():
+            if value:
+                option = f"--{field.replace('_', '-')}"
+                raise SidestepError(f"{option} is about a file of counts; name the file, or leave it out", field=field)
+
 
 RECOGNISED = Layout()
 MOST_LISTED = 12  # names in one sentence

@@ -69,6 +69,8 @@ def begin(streets: str, counts: str, layout: Layout = RECOGNISED) -> Beginning:
         Files that cannot be read, an unknown timezone, fewer than six weeks of counts.
     """
     timezone = layout.timezone
+    if counts == "auckland":
+        layout.check_needed()
     if Beginning(streets, counts, timezone or HELSINKI_TIMEZONE) == Beginning():
         return Beginning()  # without a look at what comes with the package
     from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
