@@ -5,7 +5,7 @@ versions of them, of which the latest count, and the nodes along these.
 """
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,15 @@ import numpy as np
 import osmium
 
 from sidestep.files import reading
-from sidestep.network import measures, tags
-from sidestep.network.access import NEVER, Access, access
+from sidestep.network import tags
+from sidestep.network.access import NEVER, Access, Tags
 from sidestep.network.extract import Extract, Ways
+from sidestep.network.meanings import Meaning, meanings, way_name
 from sidestep.network.obstacles import kerb_height, passage
 from sidestep.network.osm_files import OsmError, file_format, packed_format, rewritten_xml
 from sidestep.network.rings import closed_rings
 from sidestep.network.streets import Nodes
 
-_LONGEST_NAME = 255  # characters; OpenStreetMap takes no more
 _LARGEST_ID = 2**36  # the reader's filter takes smaller ones only; larger and negative ones are filtered here
 _POLE = 90 * 10**7  # latitude of the North Pole in the units of files
 _ABOUT_RELATIONS = frozenset({"type", "source", "created_by", "note", "fixme"})
@@ -59,18 +59,18 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
         xml = None if kind == "pbf" else rewritten_xml(path)
         file = osmium.io.File(str(path.resolve()), kind) if xml is None else osmium.io.FileBuffer(xml, "osm")
         try:
-            return _read(file, widths)
+            return _read(file, meanings(widths))
         except osmium.InvalidLocationError as error:
             raise OsmError(f"it is damaged: {error}") from error
 
 
-def _read(file: Any, widths: Mapping[str, float]) -> Extract:
+def _read(file: Any, meaning: Callable[[Tags], Meaning]) -> Extract:
     """Read relations, ways and nodes."""
     relations = _read_relations(file)
-    extract, latest = _read_ways(file, widths, relations, None)
+    extract, latest = _read_ways(file, meaning, relations, None)
     if latest is not None:
-        extract, _ = _read_ways(file, widths, relations, latest)
-    _add_relations(extract, relations, widths)
+        extract, _ = _read_ways(file, meaning, relations, latest)
+    _add_relations(extract, relations, meaning)
     if not extract.ways.counts and not extract.areas.counts:
         found = f"none of its {extract.read:,} highways is walkable" if extract.read else "it holds no highways"
         raise OsmError(f"no streets for walkers: {found}")
@@ -94,8 +94,8 @@ class _Relations:
     """Tags of ferries by the numbers of the ways along which they go."""
     untagged: dict[int, int] = field(default_factory=dict)
     """Relations with no tags of their own, by the ways around them, whose tags they have if these are areas."""
-    adopted: dict[int, dict[str, str]] = field(default_factory=dict)
-    """Tags of such ways by the numbers of their relations."""
+    adopted: dict[int, tuple[Meaning, str]] = field(default_factory=dict)
+    """What the tags of such ways say, and their names, by the numbers of their relations."""
 
 
 def _read_relations(file: Any) -> _Relations:
@@ -121,6 +121,12 @@ def _read_relations(file: Any) -> _Relations:
                 found.tagged[number] = {**tagged, "highway": kind}
             members = [(member.ref, member.role == "inner") for member in relation.members if member.type == "w"]
             found.members[number] = members
+    _tell_apart(found)
+    return found
+
+
+def _tell_apart(found: _Relations) -> None:
+    """Note which ways belong to multipolygons of what kind, and take ferries out of these."""
     for number, members in [*found.members.items()]:
         tagged = found.tagged.get(number, {})
         if tagged.get("highway") == tags.FERRY:
@@ -133,11 +139,10 @@ def _read_relations(file: Any) -> _Relations:
             found.untagged.update(dict.fromkeys(outer, number))
         elif tags.exclusion_reason(found.tagged[number]) is None:
             found.outer.update(outer)
-    return found
 
 
 def _read_ways(
-    file: Any, widths: Mapping[str, float], relations: _Relations, latest: dict[int, int] | None
+    file: Any, meaning: Callable[[Tags], Meaning], relations: _Relations, latest: dict[int, int] | None
 ) -> tuple[Extract, dict[int, int] | None]:
     """Read ways; of several versions only the given ones, which are returned if they are not known yet."""
     extract = Extract()
@@ -168,55 +173,49 @@ def _read_ways(
         elif known == version:
             extract.dropped["way: repeated number"] += 1
         else:
-            _add_way(extract, way, {**tagged, "highway": kind}, widths, relations)
+            said = meaning({**tagged, "highway": kind})
+            _add_way(extract, way, said, way_name(tagged), relations)
     return extract, versions if several else None
 
 
-def _add_way(
-    extract: Extract, way: Any, tagged: dict[str, str], widths: Mapping[str, float], relations: _Relations
-) -> None:
+def _add_way(extract: Extract, way: Any, said: Meaning, name: str, relations: _Relations) -> None:
     """Add a way to what is walked, or to what is not."""
     refs = [node.ref for node in way.nodes]
-    walked = tags.directions(tagged)
-    excluded = tags.exclusion_reason(tagged)
-    if len(refs) < 2:
-        excluded = excluded or "way: fewer than two nodes"
-    if not walked:
-        excluded = excluded or "way: contradicting directions"
-    name = _name(tagged)
+    excluded = said.excluded or ("way: fewer than two nodes" if len(refs) < 2 else None)
     if excluded is not None:
         extract.dropped[excluded] += 1
-        ferry = tagged["highway"] == tags.FERRY
-        if ferry and any(right.opening != NEVER for _, right in walked) and len(refs) > 1:
+        ferry = said.kind == tags.FERRY
+        if ferry and any(right.opening != NEVER for _, right in said.walked) and len(refs) > 1:
             extract.ferries.add(refs)
-        elif name and not ferry and tagged["highway"] in tags.WIDTHS:
+        elif name and not ferry and said.kind in tags.WIDTHS:
             extract.roads.add(refs, extract.names[name])
         else:
             return
         _locate(extract, way)
         return
     _locate(extract, way)
-    if tags.is_area(tagged, refs[0] == refs[-1]):
+    if said.area and refs[0] == refs[-1]:
         if way.id in relations.untagged:
-            relations.adopted.setdefault(relations.untagged[way.id], tagged)
+            relations.adopted.setdefault(relations.untagged[way.id], (said, name))
         if way.id in relations.outer or way.id in relations.untagged:
             extract.dropped["area: mapped by a relation as well"] += 1
             return
-        _add_area(extract, [(refs, False)], tagged, widths, whole=True)
+        _add_area(extract, [(refs, False)], said, name, whole=True)
         return
     extract.walkable += 1
-    for second, (direction, right) in enumerate(walked):
-        _add_row(extract, extract.ways, refs if direction >= 0 else refs[::-1], tagged, widths, direction, right)
+    for second, (direction, right) in enumerate(said.walked):
+        _add_row(extract, extract.ways, refs if direction >= 0 else refs[::-1], said, name, direction, right)
         extract.ways.second[-1] = second
-    _note_unreadable(extract, tagged)
-    _note(extract, "way", *(right for _, right in walked))
+    extract.repaired.update(said.notes)
+    _note(extract, "way", *(right for _, right in said.walked))
 
 
-def _add_relations(extract: Extract, relations: _Relations, widths: Mapping[str, float]) -> None:
+def _add_relations(extract: Extract, relations: _Relations, meaning: Callable[[Tags], Meaning]) -> None:
     """Add multipolygons, with what does not close of their rings."""
-    for number, tagged in {**relations.tagged, **relations.adopted}.items():
+    own = {number: (meaning(tagged), way_name(tagged)) for number, tagged in relations.tagged.items()}
+    for number, (said, name) in {**own, **relations.adopted}.items():
         extract.read += 1
-        excluded = tags.exclusion_reason(tagged)
+        excluded = said.excluded
         members = relations.members[number]
         if excluded is None and not any(relations.pieces[way] for way, _ in members):
             excluded = "way: fewer than two nodes"
@@ -230,66 +229,46 @@ def _add_relations(extract: Extract, relations: _Relations, widths: Mapping[str,
             closed, open_ones = closed_rings(pieces)
             whole &= not open_ones
             rings += [(refs, around_hole) for refs in (*closed, *open_ones)]
-        _add_area(extract, rings, tagged, widths, whole)
+        _add_area(extract, rings, said, name, whole)
 
 
-def _add_area(
-    extract: Extract,
-    rings: list[tuple[list[int], bool]],
-    tagged: dict[str, str],
-    widths: Mapping[str, float],
-    whole: bool,
-) -> None:
+def _add_area(extract: Extract, rings: list[tuple[list[int], bool]], said: Meaning, name: str, whole: bool) -> None:
     """Add an area by its rings, each with whether it is around a hole; and whether they are whole."""
     extract.walkable += 1
-    areas, right = extract.areas, access(tagged)
+    areas = extract.areas
     number = areas.numbers[-1] + 1 if areas.numbers else 0
     for refs, inner in rings:
-        _add_row(extract, areas, refs, tagged, widths, 0, right)
+        _add_row(extract, areas, refs, said, name, 0, said.right)
         areas.numbers.append(number)
         areas.inner.append(inner)
         areas.whole.append(whole)
-    _note_unreadable(extract, tagged)
-    _note(extract, "way", right)
+    extract.repaired.update(said.notes)
+    _note(extract, "way", said.right)
 
 
 def _add_row(
-    extract: Extract,
-    ways: Ways,
-    refs: list[int],
-    tagged: dict[str, str],
-    widths: Mapping[str, float],
-    direction: int,
-    right: Access,
+    extract: Extract, ways: Ways, refs: list[int], said: Meaning, name: str, direction: int, right: Access
 ) -> None:
     """Add a row to a table of ways."""
-    ways.add(refs, extract.names[_name(tagged)])
-    ways.kinds.append(_KIND_CODES[tagged["highway"]])
-    ways.widths.append(measures.walkable_width(tagged, widths)[0])
+    ways.add(refs, extract.names[name])
+    ways.kinds.append(_KIND_CODES[said.kind])
+    ways.widths.append(said.width)
     ways.one_way.append(direction != 0)
     ways.second.append(0)
     ways.openings.append(extract.openings[right.opening])
     ways.restricted.append(right.restricted)
-    incline, _ = measures.incline(tagged)
-    ways.inclines.append(incline if direction >= 0 else -incline)
-    ways.kerbs.append(kerb_height(tagged)[0] if tagged["highway"] in tags.FULL_WIDTH else 0.0)
-    ways.levels.append(extract.levels[tagged.get("level") or tagged.get("layer", "")])
-    ways.crossing.append("crossing" in (tagged.get("footway"), tagged.get("path"), tagged.get("cycleway")))
-    ways.storeys.append(tags.storey(tagged))
-
-
-def _note_unreadable(extract: Extract, tagged: dict[str, str]) -> None:
-    """Count measures of a way that cannot be read."""
-    kerb = tagged["highway"] in tags.FULL_WIDTH and kerb_height(tagged)[1]
-    extract.repaired["way: unreadable width ignored"] += measures.walkable_width(tagged)[1]
-    extract.repaired["way: incline without a readable number ignored"] += measures.incline(tagged)[1]
-    extract.repaired["way: unreadable kerb taken as raised"] += kerb
+    ways.inclines.append(said.incline if direction >= 0 else -said.incline)
+    ways.kerbs.append(said.kerb)
+    ways.levels.append(extract.levels[said.level])
+    ways.crossing.append(said.crossing)
+    ways.storeys.append(said.storey)
 
 
 def _read_nodes(file: Any, extract: Extract) -> None:
     """Read the nodes along ways; of several versions the latest counts."""
     courses = (extract.ways, extract.areas, extract.roads, extract.ferries)
-    ids = np.unique(np.concatenate([np.array(ways.refs, np.int64) for ways in courses]))
+    ids = np.sort(np.concatenate([np.array(ways.refs, np.int64) for ways in courses]))
+    ids = ids[np.append(True, np.diff(ids) > 0)]  # np.unique takes forty times as long for so many
     found, versions, lon, lat = array("q"), array("q"), array("d"), array("d")
     tagged: dict[int, dict[str, str]] = {}
     swapped = False
@@ -343,6 +322,9 @@ def _note_obstacle(extract: Extract, number: int, tagged: dict[str, str]) -> Non
 
 def _note(extract: Extract, what: str, *found: Access) -> None:
     """Count what limits a way or node, and what was ignored."""
+    found = tuple(one for one in found if one.opening or one.restricted or one.notes)
+    if not found:  # most
+        return
     limits = {"closed" if one.opening == NEVER else "opening times" for one in found if one.opening}
     if any(one.restricted for one in found):
         limits.add("for destinations only")
@@ -358,13 +340,3 @@ def _locate(extract: Extract, way: Any) -> None:
             if node.location.valid():
                 numbers.append(node.ref)
                 places.extend((node.location.lon, node.location.lat))
-
-
-def _name(tagged: dict[str, str]) -> str:
-    """Take a way's own name, or that of the street along which it runs."""
-    return _printable(tagged.get("name") or tagged.get("is_sidepath:of:name", ""))
-
-
-def _printable(name: str) -> str:
-    """Remove unprintable characters, which other file formats do not allow."""
-    return "".join(sign for sign in name if sign.isprintable()).strip()[:_LONGEST_NAME].rstrip()

@@ -91,8 +91,9 @@ class Streets:
         of category 0 vanish in merged crossings: behind a gate, up stairs or by a lift not everybody can go.
         """
         special = np.array([kind in SPECIAL for kind in KINDS])[self.kind]
-        codes = np.stack([special * (self.kind + 1), self.restricted, self.kerb > 0, self.opening], axis=1)
-        return np.unique(np.vstack([np.zeros(4, np.int64), codes]), axis=0, return_inverse=True)[1][1:]
+        code = (2 * special * (self.kind + 1) + self.restricted) * 2 + (self.kerb > 0)
+        code = code * (self.opening.max(initial=0) + 1) + self.opening
+        return np.unique(np.append(0, code), return_inverse=True)[1][1:]
 
     def keep(self, which: Bool[np.ndarray, " street"]) -> "Streets":
         """Select streets.
