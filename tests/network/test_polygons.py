@@ -146,7 +146,7 @@ def test_polygons_are_split_at_the_antimeridian() -> None:
     plane = Projection(np.array([179.999, 0.0]), np.array([100_000.0, 100_000.0]))
     outer = 1000 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
     rings = [outer, outer[::-1] / 2]
-    found = in_degrees(rings, plane)
+    found = in_degrees([rings], plane)
     areas = []
     for polygon in found:
         longitudes = np.array(polygon[0])[:, 0]
@@ -157,6 +157,6 @@ def test_polygons_are_split_at_the_antimeridian() -> None:
     assert sum(areas) == pytest.approx(3e6 / 1e5**2)
     assert min(areas) > 0
     away = Projection(np.array([24.9, 60.0]), plane.scale)
-    ((again, hole),) = in_degrees(rings, away)
+    ((again, hole),) = in_degrees([rings], away)
     np.testing.assert_allclose((np.array(again) - away.centre) * away.scale, outer, atol=0.02)
     assert len(hole) == 5

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from functools import lru_cache
 
 from sidestep.crowds.column_names import TOTAL_LINES, plain
 
@@ -12,7 +11,6 @@ _NUMBER_OR_TIME = re.compile(
 _TIME = re.compile(r".*(?:\d{4}[-/.]\d{1,2}[-/.]\d|\d[-/.]\d{1,2}[-/.]\d|(?:19|20)\d{6}|\d:\d\d|\d[ -]?[^\W\d]{3}).*")
 
 
-@lru_cache(maxsize=65536)  # tables repeat the same few numbers and names
 def like_data(cell: str) -> bool:
     """Whether a cell has a number, a date or a time of the day, and is no name."""
     return _NUMBER_OR_TIME.fullmatch(cell) is not None
@@ -29,23 +27,13 @@ def is_aside(cells: Sequence[str]) -> bool:
     Parameters
     ----------
     cells
-        Of the line, at least one of them with something in it.
+        Of the line, at least one of them with something in it; or none, if they cannot be told apart.
 
     Returns
     -------
     bool
         Whether it has neither numbers nor times, or has sums or means but no time.
     """
-    first, last = cells[0], cells[-1]
-    if first[:1].isdigit():  # most rows of most files
-        return False
-    if _begins_totals(first or next(filter(None, cells))):
+    if plain(next(filter(None, cells), "")) in TOTAL_LINES:
         return not any(map(like_time, cells))
-    if last.isdigit():  # most others
-        return False
-    return not any(map(like_data, reversed(cells)))
-
-
-@lru_cache(maxsize=65536)
-def _begins_totals(cell: str) -> bool:
-    return plain(cell) in TOTAL_LINES
+    return bool(cells) and not any(map(like_data, cells))

@@ -81,8 +81,9 @@ def _parts(sheet: Sheet, roles: Roles) -> tuple[Rows, Int[np.ndarray, " part"], 
     else:
         number, sensors = np.zeros(rows, np.int64), (Path(sheet.source).stem,)
     direction = told[roles.direction].code if roles.direction else np.zeros(rows, np.int64)
-    pairs, part = np.unique(np.stack([number, direction], axis=1), axis=0, return_inverse=True)
-    return part.reshape(-1), pairs[:, 0], sensors
+    several = int(direction.max(initial=0)) + 1
+    pairs, part = np.unique(number * several + direction, return_inverse=True)
+    return part, pairs // several, sensors
 
 
 def _sensors(told: list[Cells]) -> tuple[Rows, tuple[str, ...]]:

@@ -10,7 +10,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import chain, islice
 from pathlib import Path
 from reprlib import repr as quoted
 from typing import Any
@@ -23,7 +22,7 @@ from sidestep.crowds.columns import check_names, check_rows, decoded
 from sidestep.errors import SidestepError
 
 DELIMITERS = (";", "\t", "|", ",")
-_Row = tuple[int, list[str], str]  # line number, cells and text
+_Row = tuple[int, int, str]  # line number, number of cells, and text
 _SAMPLE = 200  # lines that show what the header is
 _CHUNK = 500_000  # rows that are in memory as text
 # "March 04, 2024" without quotes in a file with commas between columns, as Melbourne publishes.
@@ -83,7 +82,7 @@ class Sheet:
                 names=list(range(self.width)),
                 usecols=wanted,
                 index_col=False,
-                dtype=str,
+                dtype=object,  # as text, which is faster than as pandas' own texts
                 keep_default_na=False,
                 skipinitialspace=True,
                 chunksize=_CHUNK,
@@ -141,63 +140,69 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
     text = decoded(path, error).replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
         raise error(f"{path}: the file is empty")
+    if "\0" in text:
+        raise error(f"{path}: not a text file: it contains null characters")
     if _COMMA_IN_DATE.search(text, 0, 1 << 16):
         text = _COMMA_IN_DATE.sub(r"\1", text)
     lines = text.rstrip("\n").split("\n")
     delimiter, header = _header(lines, known)
     rows = _rows(path, lines, header, delimiter, error)
-    names, rows = _names(path, rows, header + 1, error)
+    names, found = _names(path, list(rows), delimiter, header + 1, error)
+    begin, end = _without_asides(found, delimiter)
     kept: list[str] = []
     numbers: list[int] = []
     width = len(names)
     first = dict.fromkeys(names, "")
-    waiting: list[_Row] = []  # no rows, unless one comes after them
-    aside = 0
-    for row in rows:
-        if is_aside(row[1]):
-            aside += not kept
-            waiting += [row] if kept else []
-            continue
-        for line, cells, whole in (*waiting, row):
-            if len(cells) < len(names) or any(cells[len(names) :]):
-                raise error(f"{path}: line {line} has {len(cells)} cells, the header has {len(names)}", line=line)
-            if len(kept) < _SAMPLE:
-                first = {name: seen or cell for (name, seen), cell in zip(first.items(), cells, strict=False)}
-            kept.append(whole)
-            numbers.append(line)
-            width = max(width, len(cells))
-        waiting = []
+    for line, number, whole in found[begin:end]:
+        if number != len(names):
+            if number < len(names) or any(_split(whole, delimiter)[len(names) :]):
+                raise error(f"{path}: line {line} has {number} cells, the header has {len(names)}", line=line)
+            width = max(width, number)
+        kept.append(whole)
+        numbers.append(line)
+    for whole in kept[:_SAMPLE]:
+        cells = _split(whole, delimiter)
+        first = {name: seen or cell for (name, seen), cell in zip(first.items(), cells, strict=False)}
     check_rows(path, len(kept), error)
     skipped = sum(bool(line.strip()) for line in lines[:header])
     body = "\n".join(kept)
-    aside += len(waiting)
+    aside = len(found) - len(kept)
     return Sheet(str(path), tuple(names), delimiter, skipped, aside, np.array(numbers), body, width, first, error)
 
 
-def _names(path: Path, rows: Iterator[_Row], line: int, error: type[SidestepError]) -> tuple[list[str], Iterator[_Row]]:
+def _names(
+    path: Path, rows: list[_Row], delimiter: str, line: int, error: type[SidestepError]
+) -> tuple[list[str], list[_Row]]:
     """The names in the header, which is the first of the rows, and the other rows."""
-    _, cells, _ = next(rows, (0, [], ""))
+    cells = _split(rows[0][2], delimiter) if rows else []
     names = [" ".join(name.split()) for name in cells]
     while names and not names[-1]:
         names.pop()
     if not names:
         raise error(f"{path}: no header and no rows")
-    first = list(islice(rows, 1))
-    if not names[0] and first and len(names) > 1:  # as pandas writes an index
-        names[0] = "time" if like_time(first[0][1][0]) else "index"
+    if not names[0] and len(rows) > 1 and len(names) > 1:  # as pandas writes an index
+        names[0] = "time" if like_time("".join(_split(rows[1][2], delimiter)[:1])) else "index"
     check_names(path, names, error, line)
-    return names, chain(first, rows)
+    return names, rows[1:]
+
+
+def _without_asides(rows: list[_Row], delimiter: str) -> tuple[int, int]:
+    """The first of the rows that is one of the table, and the end of these rows."""
+    of_table = (number for number, row in enumerate(rows) if not is_aside(_split(row[2], delimiter)))
+    begin = next(of_table, len(rows))
+    end = len(rows)
+    while end > begin and is_aside(_split(rows[end - 1][2], delimiter)):
+        end -= 1
+    return begin, end
 
 
 def _rows(path: Path, lines: list[str], header: int, delimiter: str, error: type[SidestepError]) -> Iterator[_Row]:
-    """Line number, cells and text of each row that is not blank, from the header on."""
+    """Line number, number of cells and text of each row that is not blank, from the header on."""
     blank = f' \t"{delimiter}'
-    if not any('"' in line for line in lines[header:]):  # most files; splitting is much faster
+    if not any('"' in line for line in lines[header:]):  # most files; counting is much faster
         for number, line in enumerate(lines[header:], header + 1):
-            if "\0" in line:
-                raise error(f"{path}: not a text file: it contains null characters")
             if line.strip(blank):
-                yield number, [cell.strip() for cell in line.split(delimiter)], line
+                yield number, line.count(delimiter) + 1, line
         return
     reader = csv.reader(
         (f"{line}\n" for line in lines[header:]), delimiter=delimiter, strict=True, skipinitialspace=True
@@ -206,8 +211,8 @@ def _rows(path: Path, lines: list[str], header: int, delimiter: str, error: type
     try:
         for cells in reader:
             first, before = before, header + reader.line_num
-            if any(cell.strip() for cell in cells):
-                yield before, [cell.strip() for cell in cells], "\n".join(lines[first:before])
+            if any(map(str.strip, cells)):
+                yield before, len(cells), "\n".join(lines[first:before])
     except csv.Error as found:
         last = header + reader.line_num
         raise error(f"{path}: line {last}: not separated values: {found}", line=last) from found

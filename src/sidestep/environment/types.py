@@ -84,6 +84,8 @@ class Futures(eqx.Module):
 
     def first(self, futures: int | None = None, slots: int | None = None) -> "Futures":
         """The first futures in the first slots; None: all of them."""
+        if futures in (None, self.count) and slots is None:
+            return self
         destination, hour, phase = self.destination[:futures], self.hour[:futures], self.phase[:futures]
         costs = jax.tree.map(lambda leaf: leaf[:futures, :slots], self.cost_to_go)
         return Futures(self.speeds.first(futures, slots), destination, hour, phase, costs)

@@ -173,6 +173,6 @@ class Raster:
 
 
 def ring_area(ring: Float[np.ndarray, "point 2"]) -> float:
-    """Square metres within a ring; below zero where it runs clockwise."""
-    (x, y), (x_next, y_next) = ring.T, np.roll(ring, -1, axis=0).T
-    return float((x * y_next - x_next * y).sum()) / 2
+    """Square metres within a ring that ends where it begins; below zero where it runs clockwise."""
+    x, y = ring.T
+    return float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2

@@ -1,8 +1,9 @@
 """Polygons that people draw on maps, as GeoJSON (RFC 7946), and the streets that cross them."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -190,29 +191,37 @@ def _continuous(lonlat: Float[np.ndarray, "point 2"], town: Town) -> Float[np.nd
     return town.projection.continuous(lonlat) if across else np.asarray(lonlat, np.float64)
 
 
-def in_degrees(rings: list[Float[np.ndarray, "point 2"]], plane: Projection) -> list[list[list[list[float]]]]:
-    """Write a polygon in degrees, split at the antimeridian as GeoJSON wants it (RFC 7946, section 3.1.9).
+def in_degrees(
+    areas: Sequence[Sequence[Float[np.ndarray, "point 2"]]], plane: Projection
+) -> list[list[list[list[float]]]]:
+    """Write polygons in degrees, split at the antimeridian as GeoJSON wants it (RFC 7946, section 3.1.9).
 
     Parameters
     ----------
-    rings
-        The outer one, anticlockwise, and its holes, clockwise; metres on the plane.
+    areas
+        Of each polygon the outer ring, anticlockwise, and its holes, clockwise; metres on the plane.
     plane
         About the middle of the town.
 
     Returns
     -------
     list
-        Of one polygon, or of those on either side, the rings as lists of longitude and latitude.
+        Polygons, of those across the antimeridian one on either side: their rings as lists of longitude and latitude.
     """
-    degrees = [ring / plane.scale + plane.centre for ring in rings]
-    west, east = degrees[0][:, 0].min(), degrees[0][:, 0].max()
-    if west >= -HALF_CIRCLE and east <= HALF_CIRCLE:
-        return [[np.round(ring, 7).tolist() for ring in degrees]]
+    xy = np.concatenate([np.zeros((0, 2)), *(ring for rings in areas for ring in rings)])  # at once: there may be many
+    lonlat = xy / plane.scale + plane.centre
+    if (np.abs(lonlat[:, 0]) <= HALF_CIRCLE).all():
+        points = iter(np.round(lonlat, 7).tolist())
+        return [[list(islice(points, len(ring))) for ring in rings] for rings in areas]
+    return [side for rings in areas for side in _sides([ring / plane.scale + plane.centre for ring in rings])]
+
+
+def _sides(rings: list[Float[np.ndarray, "point 2"]]) -> list[list[list[list[float]]]]:
+    """The parts of a polygon, whose longitudes go on beyond 180°, on either side of the antimeridian."""
     world = shapely.box(-HALF_CIRCLE, -90, HALF_CIRCLE, 90)
     sides = []
     for turn in (-2 * HALF_CIRCLE, 0.0, 2 * HALF_CIRCLE):
-        outer, *holes = [ring + np.array([turn, 0.0]) for ring in degrees]
+        outer, *holes = [ring + np.array([turn, 0.0]) for ring in rings]
         sides.append(shapely.intersection(shapely.polygons(outer, holes=holes or None), world))
     found = [part for part in shapely.get_parts(sides) if part.geom_type == "Polygon" and not part.is_empty]
     return [

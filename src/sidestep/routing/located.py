@@ -214,8 +214,7 @@ class LocatedInTown(Located):
             metres = float(samples.metres[seconds <= limit].sum())
             areas = raster.areas(around, limit, FREE_SPEED)
             square = sum(ring_area(ring) for rings in areas for ring in rings)
-            degrees = [polygon for rings in areas for polygon in in_degrees(rings, plane)]
-            return Outline(metres / 1000, square / 10_000, degrees)
+            return Outline(metres / 1000, square / 10_000, in_degrees(areas, plane))
 
         around = [raster.seconds(seconds, FREE_SPEED) for seconds in reached]
         return [[outline(*there, limit) for limit in limits.tolist()] for there in zip(reached, around, strict=True)]

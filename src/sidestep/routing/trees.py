@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import jax
@@ -17,7 +17,7 @@ from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.planners.base import Planner
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import earliest_arrivals, leaving, steps_in_slot
-from sidestep.routing.located import Located
+from sidestep.routing.located import Located, OnSegments
 from sidestep.scenarios.futures import make_environment
 from sidestep.walking.objective import Crossing
 
@@ -297,13 +297,13 @@ class Reach:
         if network.area is None or not len(areas):
             return []
         area, owner, head = np.asarray(network.area), network.owners(), np.asarray(network.head)
-        begins, lasts = self.on_segments(None)
+        begins, lasts = self._as_expected
         leaves = (owner >= 0) & (area[head] < 0) & np.isfinite(begins)
         if prune:
             leaves &= begins + lasts < self.seconds[None][head] - MILLISECOND
         return np.intersect1d(owner[leaves], areas).tolist()
 
-    def on_segments(self, share: float | None) -> tuple[Float[np.ndarray, " segment"], Float[np.ndarray, " segment"]]:
+    def on_segments(self, share: float | None) -> OnSegments:
         """When segments are entered, and how long they take.
 
         Parameters
@@ -317,6 +317,13 @@ class Reach:
             Seconds after the departure, infinite for segments that are not walked; and seconds on the segment, which
             is entered after the wait before it.
         """
+        return self._as_expected if share is None else self._walked(share)
+
+    @cached_property
+    def _as_expected(self) -> OnSegments:
+        return self._walked(None)
+
+    def _walked(self, share: float | None) -> OnSegments:
         network, reached = self.paths.network, self.seconds[share]
         tail, head = np.asarray(network.tail), np.asarray(network.head)
         begins = np.full(network.segments, np.inf)

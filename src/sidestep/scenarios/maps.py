@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable, latest_counts
@@ -78,9 +78,10 @@ class ScenarioMap(eqx.Module):
         ScenarioMap
             Its nodes and segments have the numbers of ``streets``.
         """
-        network, parent = _paced(streets.network, self.network.pace, streets.parent), jnp.asarray(streets.parent)
-        flow = self.flow.on_pieces(parent, jnp.asarray(streets.fraction, jnp.float32))
-        waits = self.waits.on_pieces(parent, jnp.asarray(streets.begins_at_crossing))
+        fraction = np.asarray(streets.fraction, np.float32)
+        pieces = _pieces(self.flow, self.waits, self.network.pace, streets.parent, fraction, streets.begins_at_crossing)
+        flow, waits, pace = pieces
+        network = replace(streets.network, pace=pace)
         return ScenarioMap(network, flow, flow, self.key, (network.nodes,), self.sensors, waits=waits)
 
     @property
@@ -236,9 +237,17 @@ def _on_part(whole: ScenarioMap, part: TownPart) -> ScenarioMap:
     return replace(whole, network=part.town.network(), flow=flow, test_flow=test_flow, waits=waits)
 
 
-def _paced(network: RoadNetwork, pace: Array | None, parent: Int[np.ndarray, " segment"]) -> RoadNetwork:
-    """A network of pieces of segments, each at the pace of its parent."""
-    return network if pace is None else replace(network, pace=pace[jnp.asarray(parent)])
+@jax.jit  # of all arrays at once: one by one, each costs a millisecond
+def _pieces(
+    flow: FlowModel,
+    waits: AnyWaits,
+    pace: Array | None,
+    parent: Int[Array, " piece"],
+    fraction: Float[Array, " piece"],
+    first: Bool[Array, " piece"],
+) -> tuple[FlowModel, AnyWaits, Array | None]:
+    """Crowds, waits and paces on pieces of segments."""
+    return flow.on_pieces(parent, fraction), waits.on_pieces(parent, first), None if pace is None else pace[parent]
 
 
 def waits_of(snapper: Snapper, traffic: Traffic | None) -> AnyWaits:
