@@ -55,6 +55,14 @@ def test_minutes_count_from_the_departure(planned) -> None:
     assert planned.minutes[-1] == pytest.approx(planned.expected_minutes, rel=1e-4)
 
 
+def test_legs_are_the_same_however_many_are_looked_at_at_once(planned, plans, monkeypatch) -> None:
+    monkeypatch.setattr("sidestep.routing.walks._LEGS_AT_ONCE", 3)
+    again = plans(planned.planner)
+    assert len(again.legs) == len(planned.legs) > 3
+    assert [leg.exposure for leg in again.legs] == pytest.approx([leg.exposure for leg in planned.legs])
+    assert [leg.too_dense for leg in again.legs] == [leg.too_dense for leg in planned.legs]
+
+
 def test_the_later_the_surer(plans) -> None:
     whole = plans()
     assert (whole.futures, whole.by_minutes, whole.arrive_by) == (FUTURES, None, None)

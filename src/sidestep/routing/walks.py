@@ -3,12 +3,13 @@
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
@@ -27,6 +28,7 @@ from sidestep.scenarios.maps import purpose_key
 T = TypeVar("T", Route, Walk)
 FIRST_SLOTS = 4
 """Slots whose counts are shown to planners that see all counts; doubled until everybody has arrived within them."""
+_LEGS_AT_ONCE = 64  # a route's legs are filled up to a multiple, so that routes of many lengths share programs
 
 
 def planned(walker: "Walker", request: RouteRequest, within: float | None = None) -> RoutePlan:
@@ -265,11 +267,12 @@ class Walker:
         """The segments of a route through the expected crowds."""
         params = replace(self.alone, objective=self.alone.objective.measured())  # crossings then tell the crowds met
         length, expected, density = np.asarray(params.network.length), params.expected, self.density
-        hour = float(params.futures.hour[0])
+        hour, number = float(params.futures.hour[0]), len(route.segments)
+        padding = (0, -number % _LEGS_AT_ONCE)
+        segment, clock = np.pad(np.array(route.segments, np.int32), padding), np.pad(route.clocks[:number], padding)
+        found = jax.device_get(_crossed(params, segment, np.asarray(clock, np.float32)))
 
-        def leg(segment: int, before: float, after: float) -> Leg:
-            crossed = _cross(params, jnp.int32(0), jnp.int32(segment), jnp.float32(before))
-            shut = float(params.gates_in(jnp.int32(0))(jnp.int32(segment), jnp.float32(before)))
+        def leg(segment: int, before: float, after: float, exposure: float, too_dense: float, shut: float) -> Leg:
             slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
             return Leg(
                 segment=segment,
@@ -278,11 +281,18 @@ class Walker:
                 opens=opening_word(hour, before, shut),
                 minutes_until_open=shut / 60,
                 density=float(density[segment, slot]),
-                exposure=float(crossed.measures["exposure"]),
-                too_dense=bool(crossed.measures["too_dense"]),
+                exposure=exposure,
+                too_dense=bool(too_dense),
             )
 
-        return list(map(leg, route.segments, route.clocks, route.clocks[1:]))
+        walked = route.segments, route.clocks, route.clocks[1:]
+        return list(map(leg, *walked, *(column[:number].tolist() for column in found)))
 
 
-_cross = jax.jit(cross)
+@jax.jit
+@partial(jax.vmap, in_axes=(None, 0, 0))
+def _crossed(params: EnvParams, segment: Int[Array, ""], clock: Float[Array, ""]) -> tuple[Array, Array, Array]:
+    """Exposure on segments in the only future, whether it is too dense there, and seconds until they open."""
+    future = jnp.int32(0)
+    met = cross(params, future, segment, clock).measures
+    return met["exposure"], jnp.asarray(met["too_dense"], float), params.gates_in(future)(segment, clock)
