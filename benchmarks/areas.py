@@ -11,6 +11,7 @@ The first say whether an area is crossed as it should be. All lines are measured
 import argparse
 import tempfile
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,49 +24,86 @@ from sidestep.network.geodesy import Projection, course_lengths, metres_between
 from sidestep.network.measures import width_table
 from sidestep.network.osm import import_osm
 from sidestep.network.osm_reader import read_extract
+from sidestep.network.town import Town
 from sidestep.network.visibility import AreaError, free_space
 
 PARTS = (0, 5, 50, 95, 99, 100)
 STRETCH = 1.02
 
 
-def whole_areas(extract: Extract, plane: Projection) -> list[tuple[set[int], shapely.Geometry]]:
-    """List the areas all of whose nodes the extract has: the nodes of the rings, and what lies between these."""
-    rings = extract.areas
-    border = np.append(0, np.cumsum(rings.counts))
-    rows: dict[int, list[int]] = {}
-    for row, number in enumerate(rings.numbers):
-        rows.setdefault(number, []).append(row)
-    found = []
-    for own in rows.values():
-        refs = [rings.refs[border[row] : border[row + 1]] for row in own]
-        xy = [plane.project(extract.nodes.place[extract.nodes.indices(nodes)]) for nodes in refs]
-        if any(np.isnan(ring).any() for ring in xy):
-            continue
-        sides = [[ring[:-1] for row, ring in zip(own, xy, strict=True) if rings.inner[row] == side] for side in (0, 1)]
-        try:
-            space = shapely.union_all(free_space(*sides)[0])
-        except AreaError:
-            space = shapely.Polygon()
-        found.append(({node for nodes in refs for node in nodes}, space))
-    return found
+class Ground:
+    """What is walked of an extract: its streets, crossings not merged, and its areas."""
+
+    def __init__(self, town: Town, extract: Extract) -> None:
+        self.town, self.extract = town, extract
+        self.place = dict(zip(town.ids.tolist(), town.place, strict=True))
+        self.plane = Projection.of(extract.nodes.place[~np.isnan(extract.nodes.place[:, 0])])
+        self.areas = list(self._areas())
+        streets = shapely.linestrings(
+            self.plane.project(town.points), indices=np.repeat(np.arange(town.streets), np.diff(town.first))
+        )
+        self.parts = shapely.buffer([*(space for _, space in self.areas), *streets], EXACT)
+        self.tree = shapely.STRtree(self.parts)
+        on_ways, shared = set(extract.ways.refs), Counter(node for nodes, _ in self.areas for node in nodes)
+        self.entries = {node for node in self.place if node in on_ways or shared[node] > 1}
+
+    @classmethod
+    def read(cls, path: Path) -> "Ground":
+        """Read an extract."""
+        return cls(import_osm(path, merge=0)[0], read_extract(path, width_table(None)))
+
+    def _areas(self) -> Iterator[tuple[set[int], shapely.Geometry]]:
+        """Find the areas all of whose nodes the extract has: the nodes of the rings, and what lies between these."""
+        rings, nodes = self.extract.areas, self.extract.nodes
+        border = np.append(0, np.cumsum(rings.counts))
+        rows: dict[int, list[int]] = {}
+        for row, number in enumerate(rings.numbers):
+            rows.setdefault(number, []).append(row)
+        for own in rows.values():
+            refs = [rings.refs[border[row] : border[row + 1]] for row in own]
+            xy = [self.plane.project(nodes.place[nodes.indices(ring)]) for ring in refs]
+            if any(np.isnan(ring).any() for ring in xy):
+                continue
+            sides: list[list[np.ndarray]] = [[], []]
+            for row, ring in zip(own, xy, strict=True):
+                sides[rings.inner[row]].append(ring[:-1])
+            try:
+                space = shapely.union_all(free_space(*sides)[0])
+            except AreaError:
+                space = shapely.Polygon()
+            yield {node for ring in refs for node in ring}, space
+
+    def exact_entries(self, nodes: set[int], router: Osrm) -> list[int]:
+        """List the entries among the nodes of an area from which OSRM starts exactly there."""
+        return sorted(node for node in nodes & self.entries if router.starts_at(node, self.place[node]))
+
+    def outside(
+        self, lines: list[Float[np.ndarray, "point 2"]], space: shapely.Geometry
+    ) -> Float[np.ndarray, "line 2"]:
+        """Tell how many metres of lines lead outside an area, and how many of these where no street or area is."""
+        found = np.zeros((len(lines), 2))
+        plans = np.array([shapely.LineString(self.plane.project(line)) for line in lines])
+        outside = shapely.difference(plans, shapely.buffer(space, EXACT))
+        found[:, 0] = shapely.length(outside)
+        for line in np.flatnonzero(found[:, 0]).tolist():
+            near = self.tree.query(outside[line], "intersects")
+            found[line, 1] = outside[line].difference(shapely.union_all(self.parts[near])).length
+        return found
 
 
-def metres_outside(
-    lines: list[Float[np.ndarray, "point 2"]],
-    space: shapely.Geometry,
-    parts: np.ndarray,
-    tree: shapely.STRtree,
-) -> Float[np.ndarray, "line 2"]:
-    """Tell how many metres of lines lead outside an area, and how many of these where no street or area is."""
-    found = np.zeros((len(lines), 2))
-    plans = np.array([shapely.LineString(line) for line in lines])
-    outside = shapely.difference(plans, shapely.buffer(space, EXACT))
-    found[:, 0] = shapely.length(outside)
-    for line in np.flatnonzero(found[:, 0]).tolist():
-        near = tree.query(outside[line], "intersects")
-        found[line, 1] = outside[line].difference(shapely.union_all(parts[near])).length
-    return found
+def line_length(line: Float[np.ndarray, "point 2"]) -> float:
+    """Measure a line in metres."""
+    return float(course_lengths(line, np.array([0, len(line)]))[0])
+
+
+def walks(
+    router: Osrm, places: Float[np.ndarray, "place 2"]
+) -> Iterator[tuple[int, int, Float[np.ndarray, "point 2"]]]:
+    """Find OSRM's lines between all pairs of places, as far as they begin and end there."""
+    for one, two in zip(*np.triu_indices(len(places), 1), strict=True):
+        line = router.line(places[one], places[two])
+        if len(line) and (metres_between(line[[0, -1]], places[[one, two]]) < EXACT).all():
+            yield int(one), int(two), line
 
 
 def main() -> None:
@@ -73,58 +111,44 @@ def main() -> None:
     parser.add_argument("extract", type=Path)
     parser.add_argument("--worst", type=int, default=10, help="pairs to list")
     options = parser.parse_args()
-    town, report = import_osm(options.extract, merge=0)
-    place = dict(zip(town.ids.tolist(), town.place, strict=True))
-    extract = read_extract(options.extract, width_table(None))
-    plane = Projection.of(extract.nodes.place[~np.isnan(extract.nodes.place[:, 0])])
-    areas = whole_areas(extract, plane)
-    streets = shapely.linestrings(
-        plane.project(town.points), indices=np.repeat(np.arange(town.streets), np.diff(town.first))
-    )
-    parts = shapely.buffer([*(space for _, space in areas), *streets], EXACT)
-    everything = shapely.STRtree(parts)
-    on_ways, shared = set(extract.ways.refs), Counter(node for nodes, _ in areas for node in nodes)
-    entries = {node for node in place if node in on_ways or shared[node] > 1}
-    ours, theirs, outside, found, elsewhere = [], [], [], [], 0
+    ground = Ground.read(options.extract)
+    rows: list[tuple[int, int, int, float, float, float, float]] = []
+    pairs = 0
     with tempfile.TemporaryDirectory() as folder:
         router = Osrm(options.extract, Path(folder), areas=True)
-        for number, (nodes, space) in enumerate(areas):
-            ids = np.array(sorted(node for node in nodes & entries if router.starts_at(node, place[node])), np.int64)
+        for number, (nodes, space) in enumerate(ground.areas):
+            ids = ground.exact_entries(nodes, router)
             if len(ids) < 2:
                 continue
-            one, two = np.triu_indices(len(ids), 1)
-            lines = [router.line(place[ids[i]], place[ids[j]]) for i, j in zip(one, two, strict=True)]
-            ends = np.array([line[[0, -1]] if len(line) else np.full((2, 2), np.nan) for line in lines])
-            right = np.stack([place[node] for node in ids.tolist()])[np.stack([one, two], axis=1)]
-            there = (metres_between(ends.reshape(-1, 2), right.reshape(-1, 2)).reshape(-1, 2) < EXACT).all(axis=1)
-            elsewhere += int((~there).sum())
-            one, two, lines = one[there], two[there], [lines[i] for i in np.flatnonzero(there)]
-            ours.append(lengths(town, ids)[one, two])
-            theirs.append([float(course_lengths(line, np.array([0, len(line)]))[0]) for line in lines])
-            outside.append(metres_outside([plane.project(line) for line in lines], space, parts, everything))
-            found += [(number, a, b) for a, b in zip(ids[one].tolist(), ids[two].tolist(), strict=True)]
-    length, other, astray = (np.concatenate(part) for part in (ours, theirs, outside))
+            pairs += len(ids) * (len(ids) - 1) // 2
+            ours = lengths(ground.town, np.array(ids))
+            found = list(walks(router, np.stack([ground.place[node] for node in ids])))
+            astray = ground.outside([line for *_, line in found], space).tolist()
+            rows += [
+                (number, ids[one], ids[two], float(ours[one, two]), line_length(line), *far)
+                for (one, two, line), far in zip(found, astray, strict=True)
+            ]
+    length, other, outside, lost = np.array([row[3:] for row in rows]).T
     ratio = length / other
     longer = (ratio > STRETCH) & (length > other + EXACT)
     print(
-        f"{report.areas} areas crossed; {len(found):,} pairs of entries of {len({row[0] for row in found})} areas; "
-        f"left out are {elsewhere} between which OSRM finds no walk, or one that begins or ends elsewhere\n"
+        f"{len(rows):,} pairs of entries of {len({row[0] for row in rows})} areas; left out are {pairs - len(rows)} "
+        "between which OSRM finds no walk, or one that begins or ends elsewhere\n"
     )
     print(f"| OSRM's line | pairs | {' | '.join(f'{part} %' for part in PARTS)} | longer |")
     print("|---|---|" + "---|" * (len(PARTS) + 1))
-    inside, known = (astray == 0).T
     for name, of in {
-        "within the area": inside,
-        "also along other streets and areas": known & ~inside,
-        "also where neither is": ~known,
+        "through the area only": outside == 0,
+        "along other streets and areas, too": (outside > 0) & (lost == 0),
+        "also where nothing is walked": lost > 0,
     }.items():
         parts = " | ".join(f"{at:.3f}" for at in np.percentile(ratio[of], PARTS))
         print(f"| {name} | {of.sum():,} | {parts} | {longer[of].sum()} |")
     for row in np.argsort(-ratio)[: options.worst].tolist():
-        number, start, stop = found[row]
+        number, start, stop, *_ = rows[row]
         print(
-            f"{ratio[row]:.3f}  {length[row]:.1f} m, OSRM {other[row]:.1f} m, {astray[row, 1]:.1f} m of it astray, "
-            f"from node {start} to {stop} of area {number}"
+            f"{ratio[row]:.3f}  {length[row]:.1f} m, OSRM {other[row]:.1f} m, {lost[row]:.1f} m of it where nothing is "
+            f"walked, from node {start} to {stop} of area {number}"
         )
 
 
