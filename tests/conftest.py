@@ -1,4 +1,4 @@
-"""Types and shapes checked at run time; one Hypothesis profile; the smallest networks."""
+"""Types and shapes checked at run time; Hypothesis profiles; the smallest networks."""
 
 import ctypes
 import gc
@@ -10,6 +10,9 @@ from pathlib import Path
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+# Most programs of tests run once, and compile faster than they would be optimised; 0, as `make coverage` sets it,
+# compiles them as users do.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 
 import beartype.typing  # noqa: F401 # for the hook below
 import jax
@@ -37,6 +40,8 @@ from sidestep.walking.waits import NoWaits  # noqa: E402
 
 # The same examples in every run, and no time limit on one: the first of each compiles.
 settings.register_profile("sidestep", derandomize=True, deadline=None)
+# Others in every run, for `make stress`: --hypothesis-profile stress --hypothesis-seed N
+settings.register_profile("stress", deadline=None, print_blob=True)
 settings.load_profile("sidestep")
 
 # Garbage is looked for less often: JAX makes objects by the million, and few of them are garbage in cycles.
@@ -47,12 +52,21 @@ MakeParams = Callable[..., EnvParams]
 MakeInstance = Callable[..., Instance]
 
 
+def full() -> bool:
+    """Say whether this process holds more than a gigabyte; where the system does not tell, it may."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return True
+    return pages * os.sysconf("SC_PAGE_SIZE") > 2**30
+
+
 @pytest.fixture(scope="session")
 def give_back() -> Callable[[], None]:
     """Give the system the memory that the compiler no longer uses; glibc keeps it otherwise."""
 
     def trim() -> None:
-        if hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
+        if full() and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
             libc.malloc_trim(0)
 
     return trim
@@ -62,9 +76,11 @@ def give_back() -> Callable[[], None]:
 def bounded_memory(give_back: Callable[[], None]) -> Iterator[None]:
     """Compiled programs take gigabytes in the end; modules share few of them."""
     yield
-    jax.clear_caches()
-    gc.collect()
     give_back()
+    if full():
+        jax.clear_caches()
+        gc.collect()
+        give_back()
 
 
 @pytest.fixture(scope="session")

@@ -189,7 +189,7 @@ def test_the_best_network_is_that_of_the_shortest_tests(history: list[tuple[Trai
         # The later of equals has learned more.
         latest_best = max(i for i in range(number) if minutes[i] == shortest)
         assert eqx.tree_equal(state.best, history[latest_best][0].learner.q_network)
-        assert state.best_minutes == shortest
+        assert state.best_minutes == pytest.approx(shortest)  # means may differ in the last digit
 
 
 @pytest.mark.parametrize(("best_so_far", "replaced"), [(1.0, False), (1000.0, True)])

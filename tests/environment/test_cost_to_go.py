@@ -95,7 +95,7 @@ def test_constant_speeds_are_dijkstras(
     reached = np.isfinite(exact)
     for found_to_go in (*np.asarray(found[0]), np.asarray(found[1])):
         np.testing.assert_allclose(found_to_go[reached], exact[reached], rtol=1e-5, atol=CLOSE)
-        assert (found_to_go[~reached] >= UNREACHABLE).all()
+        assert (found_to_go[~reached] >= (1 - 1e-6) * UNREACHABLE).all()
 
 
 # --- Speeds that change ---------------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ def ends(place) -> list:
 def compiled():
     """Names of the events of compilation since this list was cleared."""
     events: list[str] = []
+    jax.clear_caches()  # of what other tests have compiled
 
     def listen(event: str, *_: object, **__: object) -> None:
         if "backend_compile" in event:
