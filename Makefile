@@ -1,6 +1,6 @@
 # make demo and make test each work as the first command on a fresh machine with Python >= 3.11 and make.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format coverage test-lowest lock reproduce clean
+.PHONY: help setup demo test check format coverage stress test-lowest lock reproduce clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
@@ -17,6 +17,7 @@ help:
 	@echo "make check        format, lint, types, layer contracts"
 	@echo "make setup        create .venv with everything that the tests and checks need"
 	@echo "make coverage     the test suite, with coverage of src/"
+	@echo "make stress       fuzzers with new examples and commands killed, again and again (MINUTES=10)"
 	@echo "make test-lowest  the test suite with the lowest versions of the direct dependencies (.venv-lowest)"
 	@echo "make lock         compile requirements.txt and requirements-dev.txt anew from pyproject.toml"
 	@echo "make reproduce    the paper's figures and numbers, 100 maps (reproduction/)"
@@ -52,8 +53,17 @@ format: setup
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# As users compile programs, here and in long campaigns; tests/conftest.py says how the tests do.
+coverage stress: export JAX_DISABLE_MOST_OPTIMIZATIONS = 0
+
 coverage: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term
+
+MINUTES ?= 10
+stress: setup
+	@until=$$(($$(date +%s) + 60 * $(MINUTES))); while seed=$$(date +%s) && [ $$seed -lt $$until ]; do \
+		echo "seed $$seed"; $(BIN)/python -m pytest -n 2 --dist worksteal -m "hypothesis or stress" \
+			--hypothesis-profile stress --hypothesis-seed $$seed || exit 1; done
 
 test-lowest: setup
 	test -x .venv-lowest/bin/python || $(PYTHON) -m venv .venv-lowest
