@@ -17,12 +17,12 @@ from sidestep.network.formats import load_town, save_town
 from sidestep.network.town import Town
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.crowd_sources import import_table
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import CrowdTable, Venue
 from sidestep.scenarios.reader import load_scenario
 from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.table_crowds import import_table
 
 SIDE = 4
 

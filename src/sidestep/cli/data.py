@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sidestep.crowds.layouts import Layout
     from sidestep.crowds.summary import CountReport, CountSummary
     from sidestep.network.osm import ImportReport
-    from sidestep.scenarios.crowd_sources import TableReport
+    from sidestep.scenarios.table_crowds import TableReport
 
 
 counts_app = App(name="counts", help="Report on counts of pedestrians, or import tables of crowds.")
@@ -128,8 +128,8 @@ def import_counts(
     options.start_jax()
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
     from sidestep.files import output_folder
-    from sidestep.scenarios.crowd_sources import import_table
     from sidestep.scenarios.streets import town_of
+    from sidestep.scenarios.table_crowds import import_table
 
     check_suffix(out)
     seconds = None if slot is None else 60 * slot
