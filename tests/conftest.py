@@ -13,6 +13,8 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 # Most programs of tests run once, and compile faster than they would be optimised; 0, as `make coverage` sets it,
 # compiles them as users do.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+# pytest-xdist tells its processes how wide the terminal is, for which commands would wrap what they print.
+os.environ.pop("COLUMNS", None)
 
 import beartype.typing  # noqa: F401 # for the hook below
 import jax

@@ -436,7 +436,7 @@ class _Near(NamedTuple):
     """The streets of a town that are seen in a part of its map."""
 
     streets: list[int]
-    courses: list[Float[np.ndarray, "point 2"]]
+    courses: list[Float[np.ndarray, "_ 2"]]
 
 
 _Frame = tuple[float, float, float, float]

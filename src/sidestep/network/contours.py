@@ -21,7 +21,7 @@ BESIDE = 30.0
 ABOVE = 60.0
 """Seconds above a limit that count as much as more: at most half a cell is added where streets are not reached."""
 
-Rings = list[Float[np.ndarray, "point 2"]]
+Rings = list[Float[np.ndarray, "_ 2"]]
 """The outer ring of a polygon, anticlockwise, and its holes, clockwise; x and y in metres."""
 
 

@@ -191,9 +191,7 @@ def _continuous(lonlat: Float[np.ndarray, "point 2"], town: Town) -> Float[np.nd
     return town.projection.continuous(lonlat) if across else np.asarray(lonlat, np.float64)
 
 
-def in_degrees(
-    areas: Sequence[Sequence[Float[np.ndarray, "point 2"]]], plane: Projection
-) -> list[list[list[list[float]]]]:
+def in_degrees(areas: Sequence[Sequence[Float[np.ndarray, "_ 2"]]], plane: Projection) -> list[list[list[list[float]]]]:
     """Write polygons in degrees, split at the antimeridian as GeoJSON wants it (RFC 7946, section 3.1.9).
 
     Parameters
@@ -216,7 +214,7 @@ def in_degrees(
     return [side for rings in areas for side in _sides([ring / plane.scale + plane.centre for ring in rings])]
 
 
-def _sides(rings: list[Float[np.ndarray, "point 2"]]) -> list[list[list[list[float]]]]:
+def _sides(rings: list[Float[np.ndarray, "_ 2"]]) -> list[list[list[list[float]]]]:
     """The parts of a polygon, whose longitudes go on beyond 180°, on either side of the antimeridian."""
     world = shapely.box(-HALF_CIRCLE, -90, HALF_CIRCLE, 90)
     sides = []
