@@ -1,8 +1,9 @@
 """Polygons that people draw on maps, as GeoJSON (RFC 7946), and the streets that cross them."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -38,8 +39,7 @@ class Polygons:
     @property
     def rings(self) -> list[list[list[list[float]]]]:
         """Of each polygon its outer ring and its holes, as GeoJSON has them in a MultiPolygon."""
-        parts = [shapely.geometry.polygon.orient(part) for part in shapely.get_parts(self.shape)]
-        return [[shapely.get_coordinates(ring).tolist() for ring in (part.exterior, *part.interiors)] for part in parts]
+        return _geojson(self.shape)
 
     def contains(self, lonlat: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, " point"]:
         """Which points lie inside; longitudes and latitudes in degrees."""
@@ -144,12 +144,17 @@ def _list(content: dict[str, Any], member: str) -> list[Any]:
 
 def _polygon(rings: list[Any], town: Town) -> shapely.Geometry:
     """One polygon: its outer ring, and its holes."""
-    outer, *holes = [_ring(ring, town) for ring in rings] or [np.empty((0, 2))]
-    polygon = shapely.polygons(outer, holes=holes or None)
-    if not len(outer) or not shapely.is_valid(polygon):
-        said = shapely.is_valid_reason(polygon) if len(outer) else "it has no ring"
-        raise PolygonError(f"a polygon is none: {said}")
+    if not rings:
+        raise PolygonError("a polygon is none: it has no ring")
+    polygon = _of_rings([_ring(ring, town) for ring in rings])
+    if not shapely.is_valid(polygon):
+        raise PolygonError(f"a polygon is none: {shapely.is_valid_reason(polygon)}")
     return polygon
+
+
+def _of_rings(rings: Iterable[Float[np.ndarray, "_ 2"]]) -> shapely.Polygon:
+    outer, *holes = map(shapely.linearrings, rings)  # which may have different numbers of points
+    return shapely.polygons(outer, holes=holes or None)
 
 
 def _ring(ring: Any, town: Town) -> Float[np.ndarray, "point 2"]:
@@ -211,16 +216,17 @@ def in_degrees(areas: Sequence[Sequence[Float[np.ndarray, "_ 2"]]], plane: Proje
     if (np.abs(lonlat[:, 0]) <= HALF_CIRCLE).all():
         points = iter(np.round(lonlat, 7).tolist())
         return [[list(islice(points, len(ring))) for ring in rings] for rings in areas]
-    return [side for rings in areas for side in _sides([ring / plane.scale + plane.centre for ring in rings])]
+    polygons = [_of_rings(ring / plane.scale + plane.centre for ring in rings) for rings in areas]
+    return [side for polygon in polygons for side in _geojson(polygon)]
 
 
-def _sides(rings: list[Float[np.ndarray, "_ 2"]]) -> list[list[list[list[float]]]]:
-    """The parts of a polygon, whose longitudes go on beyond 180°, on either side of the antimeridian."""
+def _geojson(shape: shapely.Geometry) -> list[list[list[list[float]]]]:
+    """The polygons of a shape whose longitudes may go on beyond 180°, split at the antimeridian."""
     world = shapely.box(-HALF_CIRCLE, -90, HALF_CIRCLE, 90)
-    sides = []
-    for turn in (-2 * HALF_CIRCLE, 0.0, 2 * HALF_CIRCLE):
-        outer, *holes = [ring + np.array([turn, 0.0]) for ring in rings]
-        sides.append(shapely.intersection(shapely.polygons(outer, holes=holes or None), world))
+    sides = [shape]
+    if not shapely.covers(world, shape):
+        turns = [np.array([turn, 0.0]) for turn in (-2 * HALF_CIRCLE, 0.0, 2 * HALF_CIRCLE)]
+        sides = [shapely.intersection(shapely.transform(shape, partial(np.add, turn)), world) for turn in turns]
     found = [part for part in shapely.get_parts(sides) if part.geom_type == "Polygon" and not part.is_empty]
     return [
         [np.round(shapely.get_coordinates(ring), 7).tolist() for ring in (part.exterior, *part.interiors)]
