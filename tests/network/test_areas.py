@@ -109,6 +109,12 @@ def test_a_relation_and_its_outer_way_are_one_area(square) -> None:
     assert report.dropped == {"area: mapped by a relation as well": 1}
 
 
+def test_a_relation_that_nobody_walks_leaves_its_outer_way_an_area(square) -> None:
+    said = {**SQUARE, "oneway:foot": "yes", "foot:forward": "no"}
+    _, report = square(relations=[([(10, "outer")], said)])
+    assert (report.areas, report.dropped) == (1, {"way: contradicting directions": 1})
+
+
 @pytest.mark.parametrize(("more", "holes"), [({}, True), ({"source": "survey"}, True), ({"building": "yes"}, False)])
 def test_a_relation_without_tags_has_those_of_its_outer_way(square, more, holes: bool) -> None:
     ways = {31: ((11, 12, 13, 14, 11), {})}

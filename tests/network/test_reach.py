@@ -395,7 +395,10 @@ def test_ferries_mapped_as_relations_are_counted_too(
     foot = {"highway": "footway"}
     nodes = {1: (0, 0), 2: (100, 0), 3: (50, 90), 4: (900, 0), 5: (990, 0), 8: (500, 0)}
     ways = {1: ((1, 2, 3, 1), foot), 2: ((2, 8, 4), own), 3: ((4, 5), foot)}
-    _, report = build(nodes, ways, [([(2, ""), (99, "")], {"type": "route", **of})])
+    nodes |= {number: (number, 500) for number in (21, 22, 23)}
+    ways[9] = ((21, 22, 23, 21), {"amenity": "ferry_terminal"})
+    members = [(2, ""), (99, ""), (9, "platform")]
+    _, report = build(nodes, ways, [(members, {"type": "route", **of})])
     assert report.ways == 2 + ferries
     assert report.dropped.get("way: ferry", 0) == ferries
     assert report.dropped.get("street: reached only by ferry", 0) == reached

@@ -70,6 +70,7 @@ def test_ways_that_are_walked(said: str) -> None:
         ("highway=primary sidewalk=no", "no pavement"),
         ("highway=secondary_link sidewalk=none", "no pavement"),
         ("highway=secondary sidewalk:both=no", "no pavement"),
+        ("highway=footway oneway:foot=yes foot:forward=no", "contradicting directions"),
     ],
 )
 def test_ways_that_are_not_walked(said: str, why: str) -> None:

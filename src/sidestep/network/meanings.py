@@ -15,7 +15,7 @@ _DIFFERENT = 4096  # sets of tags that are kept
 
 @dataclass(frozen=True)
 class Meaning:
-    """What the tags of a way or area say, but for its name."""
+    """What the tags of a way or area say, apart from its name."""
 
     kind: str
     walked: tuple[tuple[int, Access], ...]
@@ -25,7 +25,7 @@ class Meaning:
     excluded: str | None
     """Why it is not walked, as reports have it; None if it is."""
     area: bool
-    """Whether it is an area if it ends where it begins."""
+    """Whether a way that ends where it begins is an area."""
     width: float
     """Metres available to walkers."""
     incline: float
@@ -64,7 +64,7 @@ def meanings(widths: Mapping[str, float]) -> Callable[[Tags], Meaning]:
 
 
 def _meaning(tagged: Tags, widths: Mapping[str, float]) -> Meaning:
-    kind, walked, excluded = tagged["highway"], tuple(tags.directions(tagged)), tags.exclusion_reason(tagged)
+    kind = tagged["highway"]
     width, no_width = measures.walkable_width(tagged, widths) if kind in widths else (0.0, False)
     incline, no_incline = measures.incline(tagged)
     kerb, no_kerb = kerb_height(tagged) if kind in tags.FULL_WIDTH else (0.0, False)
@@ -75,9 +75,9 @@ def _meaning(tagged: Tags, widths: Mapping[str, float]) -> Meaning:
     }
     return Meaning(
         kind=kind,
-        walked=walked,
+        walked=tuple(tags.directions(tagged)),
         right=access(tagged),
-        excluded=excluded or (None if walked else "way: contradicting directions"),
+        excluded=tags.exclusion_reason(tagged),
         area=tags.is_area(tagged, closed=True),
         width=width,
         incline=incline,

@@ -1,12 +1,11 @@
 """OpenStreetMap files as tables: what is walked, the nodes along it, and what stands in the way.
 
-The only module that imports osmium. A file is read in turns: its relations, its ways, again if there are several
-versions of them, of which the latest count, and the nodes along these.
+A file is read in turns: its relations, its ways, again if there are several versions of them, of which the latest
+count, and the nodes along these. Only this module and `sidestep.network.osm_relations` import osmium.
 """
 
 from array import array
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,12 @@ from sidestep.network.extract import Extract, Ways
 from sidestep.network.meanings import Meaning, meanings, way_name
 from sidestep.network.obstacles import kerb_height, passage
 from sidestep.network.osm_files import OsmError, file_format, packed_format, rewritten_xml
+from sidestep.network.osm_relations import Relations, read_relations
 from sidestep.network.rings import closed_rings
 from sidestep.network.streets import Nodes
 
 _LARGEST_ID = 2**36  # the reader's filter takes smaller ones only; larger and negative ones are filtered here
 _POLE = 90 * 10**7  # latitude of the North Pole in the units of files
-_ABOUT_RELATIONS = frozenset({"type", "source", "created_by", "note", "fixme"})
-"""Tags of multipolygons that do not say of what."""
 _KIND_CODES = {kind: code for code, kind in enumerate(tags.KINDS)}
 
 
@@ -36,7 +34,7 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
     Parameters
     ----------
     path
-        The file; its ending is its format.
+        The file; it is recognised by its name, and by how it begins.
     widths
         Metres available to walkers by kind of street, where no tag gives a width.
 
@@ -66,7 +64,7 @@ def read_extract(path: Path, widths: Mapping[str, float]) -> Extract:
 
 def _read(file: Any, meaning: Callable[[Tags], Meaning]) -> Extract:
     """Read relations, ways and nodes."""
-    relations = _read_relations(file)
+    relations = read_relations(file)
     extract, latest = _read_ways(file, meaning, relations, None)
     if latest is not None:
         extract, _ = _read_ways(file, meaning, relations, latest)
@@ -78,71 +76,8 @@ def _read(file: Any, meaning: Callable[[Tags], Meaning]) -> Extract:
     return extract
 
 
-@dataclass(eq=False)
-class _Relations:
-    """Multipolygons that might be walked, and ferries."""
-
-    tagged: dict[int, dict[str, str]] = field(default_factory=dict)
-    """Their tags by number, with their kind as ``highway``."""
-    members: dict[int, list[tuple[int, bool]]] = field(default_factory=dict)
-    """Numbers of their ways, and whether these are around holes."""
-    pieces: dict[int, list[int]] = field(default_factory=dict)
-    """Nodes of these ways, as far as the file has them."""
-    outer: set[int] = field(default_factory=set)
-    """Numbers of ways around those that are walked, which are no areas of their own then."""
-    ferries: dict[int, dict[str, str]] = field(default_factory=dict)
-    """Tags of ferries by the numbers of the ways along which they go."""
-    untagged: dict[int, int] = field(default_factory=dict)
-    """Relations with no tags of their own, by the ways around them, whose tags they have if these are areas."""
-    adopted: dict[int, tuple[Meaning, str]] = field(default_factory=dict)
-    """What the tags of such ways say, and their names, by the numbers of their relations."""
-
-
-def _read_relations(file: Any) -> _Relations:
-    """Read multipolygons that might be walked, and ferries; of several versions the latest counts."""
-    found = _Relations()
-    versions: dict[int, int] = {}
-    for relation in osmium.FileProcessor(file, osmium.osm.RELATION):
-        if not isinstance(relation, osmium.osm.Relation):
-            continue
-        number = relation.id
-        if relation.version < versions.get(number, 0):
-            continue
-        versions[number] = relation.version
-        found.tagged.pop(number, None)
-        found.members.pop(number, None)
-        tagged = dict(relation.tags)
-        kind = tags.way_kind(tagged)
-        ferry = kind == tags.FERRY
-        if relation.deleted or tagged.get("type") != ("route" if ferry else "multipolygon"):
-            continue
-        if ferry or (kind is not None and tagged.get("area") != "no") or tagged.keys() <= _ABOUT_RELATIONS:
-            if kind is not None:
-                found.tagged[number] = {**tagged, "highway": kind}
-            members = [(member.ref, member.role == "inner") for member in relation.members if member.type == "w"]
-            found.members[number] = members
-    _tell_apart(found)
-    return found
-
-
-def _tell_apart(found: _Relations) -> None:
-    """Note which ways belong to multipolygons of what kind, and take ferries out of these."""
-    for number, members in [*found.members.items()]:
-        tagged = found.tagged.get(number, {})
-        if tagged.get("highway") == tags.FERRY:
-            found.ferries.update((way, tagged) for way, _ in members)
-            del found.tagged[number], found.members[number]
-            continue
-        found.pieces.update((way, []) for way, _ in members)
-        outer = [way for way, inner in members if not inner]
-        if number not in found.tagged:
-            found.untagged.update(dict.fromkeys(outer, number))
-        elif tags.exclusion_reason(found.tagged[number]) is None:
-            found.outer.update(outer)
-
-
 def _read_ways(
-    file: Any, meaning: Callable[[Tags], Meaning], relations: _Relations, latest: dict[int, int] | None
+    file: Any, meaning: Callable[[Tags], Meaning], relations: Relations, latest: dict[int, int] | None
 ) -> tuple[Extract, dict[int, int] | None]:
     """Read ways; of several versions only the given ones, which are returned if they are not known yet."""
     extract = Extract()
@@ -178,14 +113,14 @@ def _read_ways(
     return extract, versions if several else None
 
 
-def _add_way(extract: Extract, way: Any, said: Meaning, name: str, relations: _Relations) -> None:
+def _add_way(extract: Extract, way: Any, said: Meaning, name: str, relations: Relations) -> None:
     """Add a way to what is walked, or to what is not."""
     refs = [node.ref for node in way.nodes]
     excluded = said.excluded or ("way: fewer than two nodes" if len(refs) < 2 else None)
     if excluded is not None:
         extract.dropped[excluded] += 1
         ferry = said.kind == tags.FERRY
-        if ferry and any(right.opening != NEVER for _, right in said.walked) and len(refs) > 1:
+        if ferry and said.walked and len(refs) > 1:
             extract.ferries.add(refs)
         elif name and not ferry and said.kind in tags.WIDTHS:
             extract.roads.add(refs, extract.names[name])
@@ -210,7 +145,7 @@ def _add_way(extract: Extract, way: Any, said: Meaning, name: str, relations: _R
     _note(extract, "way", *(right for _, right in said.walked))
 
 
-def _add_relations(extract: Extract, relations: _Relations, meaning: Callable[[Tags], Meaning]) -> None:
+def _add_relations(extract: Extract, relations: Relations, meaning: Callable[[Tags], Meaning]) -> None:
     """Add multipolygons, with what does not close of their rings."""
     own = {number: (meaning(tagged), way_name(tagged)) for number, tagged in relations.tagged.items()}
     for number, (said, name) in {**own, **relations.adopted}.items():

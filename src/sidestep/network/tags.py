@@ -104,6 +104,7 @@ def exclusion_reason(tags: Tags) -> str | None:
         ("way: not tagged as walkable", kind in _NEED_A_TAG and not allowed and "yes" not in sides),
         ("way: pavements mapped separately", kind in _ROADS and elsewhere),
         ("way: no pavement", kind in _NEED_PAVEMENT and not allowed and sides == ("no", "no")),
+        ("way: contradicting directions", not directions(tags)),
     )
     return next((reason for reason, applies in reasons if applies), None)
 
@@ -131,9 +132,9 @@ def directions(tags: Tags) -> list[tuple[int, Access]]:
         value = tags.get("oneway")
     only = {"yes": 1, "true": 1, "1": 1, "-1": -1, "reverse": -1}.get(value or "", 0)
     forward, backward = access(tags, "forward"), access(tags, "backward")
-    if only == 0 and forward == backward:
-        return [(0, forward)]
     walked = [(1, forward)] * (only >= 0) + [(-1, backward)] * (only <= 0)
+    if only == 0 and forward == backward:
+        walked = [(0, forward)]
     return [(way, right) for way, right in walked if right.opening != NEVER]
 
 
