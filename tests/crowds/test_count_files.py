@@ -76,6 +76,18 @@ def test_what_is_written_is_read_alike(counts: Path, tmp_path: Path) -> None:
     assert caught.value.field == "out"
 
 
+def test_positions_of_others_are_not_left_beside_counts_without(counts: Path, tmp_path: Path) -> None:
+    stale = tmp_path / "clean.positions.csv"
+    stale.write_text("sensor,latitude,longitude\nQuay,60,24\nHall,61,25\n")
+    with pytest.raises(OutputError, match=r"clean\.positions\.csv") as caught:
+        save_counts(read_counts(counts), tmp_path / "clean.csv")
+    assert caught.value.field == "out"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c.csv", "clean.positions.csv"]
+    located = beside(counts, "sensor,latitude,longitude\nQuay,1,2\nHall,3,4\n")
+    save_counts(located, tmp_path / "clean.csv")
+    assert read_counts(tmp_path / "clean.csv").positions.tolist() == [[1, 2], [3, 4]]
+
+
 @pytest.mark.parametrize(
     "names",
     [

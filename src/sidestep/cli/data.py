@@ -80,7 +80,7 @@ def clean_counts(file: Path | None, layout: "Layout", out: Path, *, as_json: boo
     SidestepError
         The file itself as the file to write to.
     """
-    from sidestep.crowds.count_files import check_suffix, save_counts
+    from sidestep.crowds.count_files import check_suffix, positions_path, save_counts
     from sidestep.crowds.counts import load_auckland, read_counts
     from sidestep.crowds.summary import report_counts
     from sidestep.files import output_folder
@@ -96,6 +96,8 @@ def clean_counts(file: Path | None, layout: "Layout", out: Path, *, as_json: boo
         return
     show_understood(report_counts(table))
     print(f"Counts: {out}")
+    if table.positions is not None:
+        print(f"Positions: {positions_path(out)}")
 
 
 @counts_app.command(name="import")

@@ -158,9 +158,13 @@ def save_counts(table: "CountTable", path: Path) -> None:
     Raises
     ------
     OutputError
-        Another ending, or a place that cannot be written to.
+        Another ending; a place that cannot be written to; a file of positions beside it, if these counts have none.
     """
     check_suffix(path)
+    beside = positions_path(path)
+    if table.positions is None and beside.exists():
+        said = f"{beside} would be read as the positions of these sensors, which are not known"
+        raise OutputError(f"{said}; remove it, or give the counts another name", field="out")
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         rows = zip(np.datetime_as_string(table.times, "m"), table.counts.tolist(), strict=True)
@@ -174,7 +178,7 @@ def save_counts(table: "CountTable", path: Path) -> None:
                 (time, *each) for time, counts in texts for each in zip(table.sensors, counts, strict=True)
             )
     if table.positions is not None:
-        with whole_file(positions_path(path)) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        with whole_file(beside) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["sensor", "latitude", "longitude"])
             writer.writerows(
