@@ -146,6 +146,7 @@ def test_formats_that_are_said(read: Read) -> None:
         ("25/02/2024 {hour}:61", "", "time"),
         ("9999-12-31 {hour}:00", "", "time"),
         ("0024-12-31 {hour}:00", "", "time"),
+        ("2024-12-31 {hour}:00+99:00", "", "time"),
         ("25 marraskuu 2024 {hour}:00", "", "time"),  # November, which is no March
     ):
         with pytest.raises(CountsError) as caught:
@@ -342,6 +343,7 @@ def test_sensors_are_told_apart_by_their_numbers(read: Read) -> None:
         ("time,Quay (Northbound),Quay (Southbound)", "1,2", {}, {"Quay": 3}),
         ("time,Quay,Quay IN,Quay OUT", "9,4,5", {}, {"Quay": 9}),
         ("time,Quay In,Quay Out,Quay Total,Hall", "1,2,4,5", {}, {"Quay": 4, "Hall": 5}),
+        ("time,Quay In,Quay Out,Quay Total,Quay Sum", "1,2,4,5", {}, {"Quay": 4}),
         ("time,In,Out,Total", "1,2,4", {}, {"quay": 4}),
         ("time,Quay,Hall,Total", "1,2,3", {}, {"Quay": 1, "Hall": 2}),
         ("time,Total,Rain", "3,9", {}, {"Total": 3}),

@@ -12,12 +12,12 @@ _TIME = re.compile(r".*(?:\d{4}[-/.]\d{1,2}[-/.]\d|\d[-/.]\d{1,2}[-/.]\d|(?:19|2
 
 
 def like_data(cell: str) -> bool:
-    """Whether a cell has a number, a date or a time of the day, and is no name."""
+    """Whether a cell is a number, a date or a time of the day, and no name such as "2 High Street"."""
     return _NUMBER_OR_TIME.fullmatch(cell) is not None
 
 
 def like_time(cell: str) -> bool:
-    """Whether a cell has a date or a time of the day."""
+    """Whether a cell may have a date or a time of the day somewhere."""
     return _TIME.fullmatch(cell) is not None
 
 

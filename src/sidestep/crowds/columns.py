@@ -31,12 +31,12 @@ WholeNumbers = Int[np.ndarray, " row"]
 
 _NO_TEXT = {
     b"\x1f\x8b": "packed by gzip; unpack it first",
-    b"PK\x03\x04": "a workbook of Excel's or a zip archive; save its table as CSV, or unpack it first",
-    b"\xd0\xcf\x11\xe0": "a workbook of Excel's; save its table as CSV",
-    b"PAR1": "Parquet and no text; save it as CSV",
-    b"SQLite": "a database and no text; save its table as CSV",
+    b"PK\x03\x04": "an Excel workbook or a zip archive; save its table as CSV, or unpack it first",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook; save its table as CSV",
+    b"PAR1": "Parquet, not text; save it as CSV",
+    b"SQLite": "a database, not text; save its table as CSV",
 }
-"""How files begin that people take for text with columns."""
+"""How files begin that are often taken for text with columns, and what they are."""
 _NO_COLUMNS = re.compile(r"\s*(?:<(?P<markup>!doctype|html|\?xml)|[\[{]\s*(?P<json>[\[{\"]))", re.IGNORECASE)
 _WHOLE = re.compile(r"[-+]?[0-9]{1,19}")
 _DIGITS = 18  # that a whole number may have
@@ -183,7 +183,7 @@ def decoded(path: Path, error: type[SidestepError]) -> str:
         raise error(f"{path}: not a text file: it contains null characters")
     if other := _NO_COLUMNS.match(text):
         said = "a web page or XML" if other["markup"] else "JSON"
-        raise error(f"{path}: it is {said}, and no text with columns; save its table as CSV")
+        raise error(f"{path}: it is {said}, not text with columns; save its table as CSV")
     return text
 
 

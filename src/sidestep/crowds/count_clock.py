@@ -6,16 +6,17 @@ from reprlib import repr as quoted
 import numpy as np
 
 from sidestep.crowds import repairs as fix
+from sidestep.crowds.column_roles import Roles
 from sidestep.crowds.columns import typical_step
 from sidestep.crowds.count_entries import Entries, Rows
 from sidestep.crowds.dates import DAY, HOUR, WrittenTimes, read_times
-from sidestep.crowds.layouts import Layout, Roles
+from sidestep.crowds.layouts import Layout
 from sidestep.crowds.sheets import Sheet
 from sidestep.crowds.wall_time import clock_changes, timezones_going_back, wall_seconds
 
 _LONGEST_GAP = 366 * DAY  # more is a mistyped year, and would fill the memory with NaN
 _MOST_CHANGES = 200  # hours that come twice in one file
-_OFFSET_BITS = 18  # of seconds between clocks: three days
+_OFFSET_BITS = 18  # for the seconds that two clocks are apart, up to 36 hours either way
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sidestep.crowds.cell_numbers import counts_in, marks_of
-from sidestep.crowds.layouts import Layout, Roles
+from sidestep.crowds.column_roles import Roles
+from sidestep.crowds.layouts import Layout
 from sidestep.crowds.sheets import Cells, Sheet
 
 LARGEST_COUNT = 1e6  # persons past one sensor; more is a wrong column, an identifier or a time stamp

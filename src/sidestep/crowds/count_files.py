@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sidestep.crowds.column_names import LATITUDES, LONGITUDES, SENSORS, plain
-from sidestep.crowds.layouts import RECOGNISED, Roles, place_in, roles_of
+from sidestep.crowds.column_roles import Roles, place_in, roles_of
+from sidestep.crowds.layouts import RECOGNISED
 from sidestep.crowds.sheets import Cells, Sheet, open_sheet
 from sidestep.errors import SidestepError
 from sidestep.files import OutputError, whole_file

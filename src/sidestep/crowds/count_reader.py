@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sidestep.crowds import repairs as fix
+from sidestep.crowds.column_roles import Roles, is_known, roles_of
 from sidestep.crowds.count_clock import Clock, check_order, check_skipped, read_clock, with_doubled_hours
 from sidestep.crowds.count_entries import Entries, read_entries
 from sidestep.crowds.count_files import positions_within
 from sidestep.crowds.dates import HOUR
-from sidestep.crowds.layouts import Layout, Roles, is_known, roles_of
+from sidestep.crowds.layouts import Layout
 from sidestep.crowds.sheets import Sheet, open_sheet
 from sidestep.crowds.wall_time import clock_changes
 from sidestep.errors import SidestepError

@@ -140,8 +140,6 @@ def open_sheet(path: Path, error: type[SidestepError], known: Callable[[str], bo
     text = decoded(path, error).replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
         raise error(f"{path}: the file is empty")
-    if "\0" in text:
-        raise error(f"{path}: not a text file: it contains null characters")
     if _COMMA_IN_DATE.search(text, 0, 1 << 16):
         text = _COMMA_IN_DATE.sub(r"\1", text)
     lines = text.rstrip("\n").split("\n")
