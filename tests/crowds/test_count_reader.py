@@ -525,6 +525,7 @@ def test_units_totals_and_remarks_are_skipped_and_said(read: Read, above: list[s
     [
         (",a", "{time},{hour}"),  # as pandas writes an index, of times or numbers
         (",time,a", "{hour},{time},{hour}"),
+        (",time,a", "45 Queen Street,{time},{hour}"),  # whose name is like a date
         ("Unnamed: 0,time,a", "{hour},{time},{hour}"),
         ("start,end,a", "{time},2024-03-05T00:00,{hour}"),
     ],

@@ -90,7 +90,7 @@ def test_a_file_is_summarised_as_its_table_is_tested(tmp_path: Path) -> None:
     assert read_counts(path).repairs == found.repairs == ()
 
 
-def test_short_files_can_still_be_written(tmp_path: Path) -> None:
+def test_of_short_files_it_is_said_how_to_write_them(tmp_path: Path) -> None:
     file = tmp_path / "short.csv"
     file.write_text("time,Quay\n" + "".join(f"2024-03-04T{hour:02},{hour}\n" for hour in range(12)))
     with pytest.raises(CountsError, match="--out") as caught:

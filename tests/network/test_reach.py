@@ -575,7 +575,6 @@ def test_ways_that_stand_in_relations_alone_are_read(osm, tmp_path) -> None:
     path.write_text(text)
     town, report = import_osm(path, merge=0)
     assert (metres(town), report.areas) == (ACROSS, 1)
-    assert town.length.sum() > 0
     assert "area: walked along its outline, open ring" not in report.repaired
     # A member that is cut is not there.
     path.write_text(text.replace(f"<nd {places['1009']}/>", "<nd/>"))

@@ -2,11 +2,12 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from sidestep.crowds.layouts import Layout
+from sidestep.crowds.layouts import COLUMNS, Layout
 from sidestep.files import OutputError
 from sidestep.scenarios.builtin import BUILT_IN
 from sidestep.scenarios.model import ObjectiveSpec, RewardSpec
@@ -106,6 +107,11 @@ def test_what_counts_do_not_say_is_in_the_file(tmp_path) -> None:
     assert source["columns"] == {
         "time": 'The "time"', "sensor": "Wo", "count": ["In", "Out"], "latitude": "y", "longitude": "x",
     }  # fmt: skip
+    beginning = Beginning(
+        counts=beginning.counts, layout=replace(said, date="D", hour="H", direction="To", ignore=("Rain",))
+    )
+    found = tomllib.loads(new_scenario(tmp_path, "every", beginning).read_text("utf-8"))["place"]["crowd_source"]
+    assert found["columns"].keys() == set(COLUMNS)
 
 
 def test_what_is_there_is_left_alone(tmp_path) -> None:

@@ -179,7 +179,8 @@ def _names(
     if not names:
         raise error(f"{path}: no header and no rows")
     if not names[0] and len(rows) > 1 and len(names) > 1:  # as pandas writes an index
-        names[0] = "time" if like_time("".join(_split(rows[1][2], delimiter)[:1])) else "index"
+        first = "".join(_split(rows[1][2], delimiter)[:1])
+        names[0] = "time" if like_time(first) and "time" not in names else "index"
     check_names(path, names, error, line)
     return names, rows[1:]
 

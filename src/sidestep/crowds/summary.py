@@ -138,7 +138,7 @@ def summarise_counts(
     table = counts.load_auckland() if file is None else counts.read_counts(file, layout)
     sensor = sensor or (DEFAULT_SENSOR if file is None else table.sensors[0])
     train, test = periods(table)
-    table.series(sensor)
+    table.series(sensor)  # refuses an unknown one
     try:
         found = one_step_errors(table, sensor, train, test, order)
     except CountsError as error:

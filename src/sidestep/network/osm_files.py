@@ -1,7 +1,7 @@
 """Which OpenStreetMap files are read, and what the reader does not know of XML: editors' deletes, and members' courses.
 
-Editors mark what is to be deleted by ``action='delete'``. Overpass puts the course of each member into its relation
-(``out geom``), and the ways that are members nowhere else if nobody asked for them, and centres into ways (``out
+Editors mark what is to be deleted by ``action='delete'``. Overpass puts the courses of ways into the relations that
+have them as members (``out geom``), where they stand alone if nobody asked for the ways, and centres into ways (``out
 center``). Files with any of these are rewritten for the reader, in memory; others are only looked through.
 """
 
@@ -168,7 +168,8 @@ def _rewritten(path: Path) -> bytes:
         parts.append(piece)
         size += len(piece)
         if size > LARGEST:
-            raise OsmError(f"it is edited XML of more than {LARGEST >> 30} GiB; convert it to .osm.pbf first")
+            said = f"it is XML as editors and Overpass write it, of more than {LARGEST >> 30} GiB"
+            raise OsmError(f"{said}; convert it to .osm.pbf first")
     xml = b"".join(parts)
     _check_finished(xml)
     xml = _CENTRE.sub(b"", _with_members(xml))
@@ -220,7 +221,7 @@ def _place(point: bytes) -> tuple[float, float] | None:
     found = [_NUMBERS[key].search(point) for key in ("lat", "lon")]
     try:
         latitude, longitude = (round(float(each[1]), 7) for each in found if each)
-    except ValueError:  # of one that is missing as well
+    except ValueError:  # raised for a missing one, too
         return None
     return latitude, longitude
 

@@ -24,7 +24,7 @@ UNKNOWN_WIDTH = 2.0
 AREA = "area"
 """Kind of the streets across squares and other walkable areas, but for platforms and piers, stairs and lifts."""
 KINDS = (*WIDTHS, AREA)
-"""All kinds of streets that imports make; tables of streets have their positions in it."""
+"""All kinds of streets that imports make; tables of ways and streets have positions in this tuple."""
 FULL_WIDTH = frozenset({*_PATHS, AREA})
 """Kinds that are walked on their full width; the others are roads, walked on their pavements."""
 

@@ -79,8 +79,9 @@ class ScenarioMap(eqx.Module):
             Its nodes and segments have the numbers of ``streets``.
         """
         fraction = np.asarray(streets.fraction, np.float32)
-        pieces = _pieces(self.flow, self.waits, self.network.pace, streets.parent, fraction, streets.begins_at_crossing)
-        flow, waits, pace = pieces
+        flow, waits, pace = _pieces(
+            self.flow, self.waits, self.network.pace, streets.parent, fraction, streets.begins_at_crossing
+        )
         network = replace(streets.network, pace=pace)
         return ScenarioMap(network, flow, flow, self.key, (network.nodes,), self.sensors, waits=waits)
 

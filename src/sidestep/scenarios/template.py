@@ -12,9 +12,10 @@ import numpy as np
 
 from sidestep.crowds.counts import AUCKLAND_TIMEZONE, TEST, TRAIN, CountsError, CountTable, Period
 from sidestep.crowds.layouts import RECOGNISED, Layout
+from sidestep.crowds.wall_time import timezone_of
 from sidestep.files import OutputError, reason
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, HELSINKI_TIMEZONE
-from sidestep.scenarios.places import Sensor, Venue
+from sidestep.scenarios.places import Sensor
 from sidestep.scenarios.spec import ScenarioError
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
@@ -78,7 +79,8 @@ def begin(streets: str, counts: str, layout: Layout = RECOGNISED) -> Beginning:
 
     given = timezone or (HELSINKI_TIMEZONE if streets == "helsinki" else None)
     layout = replace(layout, timezone=given)
-    Venue(timezone=given)  # which checks it
+    if given is not None:
+        timezone_of(given)  # refused where it is not known
     table, town = counts_of(counts, layout), town_of(streets)
     standing = standing_sensors(table, town)
     every = AUCKLAND_SENSORS if counts == "auckland" else tuple(Sensor(name=name) for name in table.sensors)
