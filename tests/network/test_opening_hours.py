@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from sidestep.network.opening_hours import (
     WEEK,
     conditional_values,
-    names_holidays,
+    names_special_days,
     open_minutes,
     opening_text,
 )
@@ -86,7 +86,7 @@ def test_times_that_are_read(text: str, minutes: np.ndarray, canonical: str | No
         'Mo-Fr 08:00-18:00 || "call"', 'Mo-Fr 08:00-18:00 "by appointment"', '"by appointment"', "unknown",
         "25:00-26:00", "10:70-11:00", "10:00", "8-18", "7am-9pm", "06:00-22:00 AND wet", "(22:00-06:00)",
         "24/7, 04:00-06:00 off", "PH off", "Su off", "PH 10:00-12:00",
-        "Nov 1-Mar 31 off; 24/7", "Dec 24 off",
+        "Nov 1-Mar 31 off; 24/7", "Dec 24 off", "24/7; Jun 1-30 off", "24/7; Dec 1-Jan 15 off", "24/7; Dec 26-24 off",
         ";", ",", "-", "Mo-", "-Mo", "Mo,,Tu", "x" * 2000,
     ],
 )  # fmt: skip
@@ -94,11 +94,11 @@ def test_times_that_are_not_read(text: str) -> None:
     assert open_minutes(text) is None
 
 
-def test_holidays_are_noticed() -> None:
-    assert names_holidays("Mo-Fr 08:00-18:00; PH off")
-    assert names_holidays("no @ (sh 08:00-18:00)")
-    assert names_holidays("24/7; Dec 25 off")
-    assert not names_holidays("Mo-Fr 08:00-18:00")
+def test_special_days_are_noticed() -> None:
+    assert names_special_days("Mo-Fr 08:00-18:00; PH off")
+    assert names_special_days("no @ (sh 08:00-18:00)")
+    assert names_special_days("24/7; Dec 25 off")
+    assert not names_special_days("Mo-Fr 08:00-18:00")
 
 
 @given(st.lists(st.tuples(st.integers(0, WEEK), st.integers(0, 3 * 1440)), max_size=6))
@@ -118,7 +118,7 @@ def test_any_text_is_read_or_not(text: str) -> None:
     minutes = open_minutes(text)
     assert minutes is None or minutes.shape == (WEEK,)
     conditional_values(text)
-    names_holidays(text)
+    names_special_days(text)
 
 
 def test_conditional_values() -> None:

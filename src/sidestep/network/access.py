@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Int8
 
-from sidestep.network.opening_hours import WEEK, conditional_values, names_holidays, open_minutes, opening_text
+from sidestep.network.opening_hours import WEEK, conditional_values, names_special_days, open_minutes, opening_text
 
 Tags = Mapping[str, str]
 
@@ -165,8 +165,8 @@ def _under_conditions(
 ) -> tuple[Int8[np.ndarray, " minute"], Right | None]:
     """Apply a conditional value; give the most open value that it holds at any time."""
     values: list[Right] = []
-    if names_holidays(text):
-        notes.append("rules for holidays ignored")
+    if names_special_days(text):
+        notes.append("rules for holidays or dates ignored")
     for value, minutes in conditional_values(text) or [("", None)]:
         then = None if minutes is None else _meaning(value, notes)
         if minutes is None or then is None:
@@ -182,8 +182,8 @@ def _within_hours(right: Int8[np.ndarray, " minute"], text: str, notes: list[str
     if minutes is None:
         notes.append("opening hours not understood")
         return right
-    if names_holidays(text):
-        notes.append("rules for holidays ignored")
+    if names_special_days(text):
+        notes.append("rules for holidays or dates ignored")
     return np.where(minutes, right, Right.CLOSED).astype(np.int8)
 
 

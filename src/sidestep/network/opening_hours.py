@@ -1,9 +1,9 @@
 """Opening times as minutes of an ordinary week, read from and written to OpenStreetMap's ``opening_hours`` syntax.
 
-Weekdays and times of day are kept, and so are spans over midnight. Rules for public and school holidays, and for single
-dates such as Christmas, are ignored. Texts that depend on anything else are not read at all: months, weeks of the year,
-the n-th weekday of a month, sunrise and sunset, spans without an end, and conditions in words. To guess would open a
-gate that is shut.
+Weekdays and times of day are kept, and so are spans over midnight. Rules for public and school holidays, and for a few
+dates such as Christmas, are ignored. Texts that depend on anything else are not read at all: months, longer spans of
+dates, weeks of the year, the n-th weekday of a month, sunrise and sunset, spans without an end, and conditions in
+words. To guess would open a gate that is shut.
 """
 
 import re
@@ -25,6 +25,7 @@ _NAMES = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "S
 _SHORT = tuple(name[:2] for name in _NAMES)
 _DAYS = {name[:letters].lower(): day for day, name in enumerate(_NAMES) for letters in (2, 3, len(name))}
 _HOLIDAYS = frozenset({"ph", "sh"})
+_MOST_DATES = 14  # in a row; more are a season
 _MONTH = r"(?:jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)"
 _DATE = (
     rf"(?:{_MONTH}\s+\d{{1,2}}(?:\s*-\s*\d{{1,2}})?|dec\s+\d{{1,2}}\s*-\s*jan\s+\d{{1,2}}"
@@ -109,8 +110,8 @@ def opening_text(minutes: OpenMinutes) -> str:
     return "; ".join(rules) or "off"
 
 
-def names_holidays(text: str) -> bool:
-    """Tell whether opening times have rules for holidays or single dates, which are ignored.
+def names_special_days(text: str) -> bool:
+    """Tell whether opening times have rules for holidays or dates, which are ignored.
 
     Parameters
     ----------
@@ -227,7 +228,7 @@ def _selected_days(text: str) -> list[int] | None:
     if not text:
         return _WHOLE_WEEK
     if _DATES.fullmatch(text):
-        return []
+        return [] if all(1 <= dates <= _MOST_DATES for dates in _dates_in_a_row(text)) else None
     names = [name.strip() for name in text.split(",")]
     if any(name.split()[0] in _HOLIDAYS and len(name.split()) > 1 for name in names if name):
         text = re.sub(r"\b(ph|sh)\s+", "", text)  # on holidays only
@@ -242,6 +243,12 @@ def _selected_days(text: str) -> list[int] | None:
         begin, end = ends[0], ends[-1]
         days |= {day % 7 for day in range(begin, end + 1 + 7 * (end < begin))}
     return sorted(days)
+
+
+def _dates_in_a_row(text: str) -> Iterator[int]:
+    """Count the dates of each span from one date to another."""
+    for first, january, last in re.findall(r"(\d+)\s*-\s*(jan\s+)?(\d+)", text):
+        yield int(last) - int(first) + 1 + 31 * bool(january)
 
 
 def _spans(text: str) -> list[tuple[int, int]] | None:
