@@ -56,7 +56,7 @@ class Sheet:
     skipped: int
     """Lines with something in them above the header."""
     aside: int
-    """Lines of units, totals and remarks below it, and at the end."""
+    """Lines of units below it, and of totals and remarks at the end."""
     lines: Int[np.ndarray, " row"]
     """Line of the file of each row, counted from 1."""
     body: str
