@@ -217,7 +217,7 @@ def in_degrees(areas: Sequence[Sequence[Float[np.ndarray, "_ 2"]]], plane: Proje
         points = iter(np.round(lonlat, 7).tolist())
         return [[list(islice(points, len(ring))) for ring in rings] for rings in areas]
     polygons = [_of_rings(ring / plane.scale + plane.centre for ring in rings) for rings in areas]
-    return [side for polygon in polygons for side in _geojson(polygon)]
+    return [[np.round(ring, 7).tolist() for ring in side] for polygon in polygons for side in _geojson(polygon)]
 
 
 def _geojson(shape: shapely.Geometry) -> list[list[list[list[float]]]]:
@@ -229,7 +229,7 @@ def _geojson(shape: shapely.Geometry) -> list[list[list[list[float]]]]:
         sides = [shapely.intersection(shapely.transform(shape, partial(np.add, turn)), world) for turn in turns]
     found = [part for part in shapely.get_parts(sides) if part.geom_type == "Polygon" and not part.is_empty]
     return [
-        [np.round(shapely.get_coordinates(ring), 7).tolist() for ring in (part.exterior, *part.interiors)]
+        [shapely.get_coordinates(ring).tolist() for ring in (part.exterior, *part.interiors)]
         for part in shapely.orient_polygons(found)
     ]
 
