@@ -601,6 +601,8 @@ def test_a_file_is_what_it_holds_and_not_what_it_is_called(osm, tmp_path) -> Non
         ("a.osm", bz2.compress(text)),
         ("a.osm.gz", text),
         ("a.osm.bz2", gzip.compress(text)),
+        ("a.osm.pbf", text),
+        ("a.pbf", bz2.compress(text)),
     ):
         (tmp_path / name).write_bytes(content)
         assert metres(import_osm(tmp_path / name, merge=0)[0]) == ACROSS

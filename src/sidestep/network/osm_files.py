@@ -31,6 +31,7 @@ _NO_EXTRACTS = {
 _JSON = "it is JSON and not OpenStreetMap's XML; ask Overpass for [out:xml], or convert it"
 _PACKINGS = {b"\x1f\x8b": "osm.gz", b"BZ": "osm.bz2"}
 _ZIP, _PBF = b"PK\x03\x04", b"OSMHeader"
+_BLANK = b"\xef\xbb\xbf \t\r\n"  # a byte-order mark, too
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:(?:<\?.*?\?>|<!--.*?-->|<![^>]*>)\s*)*<([A-Za-z]+)", re.DOTALL)
 _ATTRIBUTES = rb"""((?:[^<>"'/]|"[^"]*"|'[^']*'|/(?!>))*)"""
 _DELETED = re.compile(rb"\baction\s*=\s*([\"'])delete\1")
@@ -107,7 +108,9 @@ def packed_format(named: str, begins: bytes) -> str:
         raise OsmError("it is a zip archive; unpack it first")
     if _PBF in begins:
         return "pbf"
-    return named if named == "pbf" else _PACKINGS.get(begins[:2], "osm")
+    if begins[:2] in _PACKINGS:
+        return _PACKINGS[begins[:2]]
+    return "osm" if named != "pbf" or begins.lstrip(_BLANK).startswith(b"<") else "pbf"
 
 
 def rewritten_xml(path: Path) -> bytes | None:
@@ -137,7 +140,7 @@ def rewritten_xml(path: Path) -> bytes | None:
             root = _ROOT.match(piece) if number == 0 else None
             if root and root[1] in _NO_EXTRACTS:
                 raise OsmError(_NO_EXTRACTS[root[1]])
-            if number == 0 and piece.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
+            if number == 0 and piece.lstrip(_BLANK)[:1] in (b"{", b"["):
                 raise OsmError(_JSON)
             both, end = end + piece, piece[-_OVERLAP:]
             _check_finished(both)
