@@ -198,6 +198,8 @@ def test_the_latest_departure_in_a_town(router) -> None:
         ({"arrive_by": "12:30", "confidence": 0}, "confidence"),
         ({"arrive_by": "12:30", "confidence": 1.5}, "confidence"),
         ({"confidence": float("nan")}, "confidence"),
+        ({"confidence": 0.9}, "confidence"),  # of what?
+        ({"confidence": 0.9, "by": 5}, "confidence"),
         ({"alternatives": -1}, "alternatives"),
     ],
 )

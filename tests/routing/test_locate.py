@@ -177,6 +177,7 @@ def test_what_cannot_be_answered(tiny, hours, slots, live) -> None:
     grid = scenario("paper-congested")
     assert refused(tiny, destination=(91.0, 0.0)) == "destination"
     assert refused(tiny, live=now, depart=None) == "depart"  # current counts need a day
+    assert refused(tiny, live=now, depart=None, field="at") == "at"
     assert refused(tiny, live="none.csv") == "live"
     for text in ("30", "nan", "9999-12-31T23:59", "2025-05-24T12:30Z", "2025-05-24T12:30+03:00"):
         assert refused(tiny, depart=read_departure(text)) == "depart"

@@ -51,7 +51,7 @@ router, found = sidestep.Router(grid), []
 asked = (
     [(sidestep.RouteRequest, (), {name: {1}}) for name in sidestep.RouteRequest.__dataclass_fields__]
     + [(router.plan, (0, 1), {name: {1}}) for name in ("planner", "by", "futures", "live", "avoid", "alternatives")]
-    + [(router.plan, (0, 1), {"arrive_by": {1}}), (router.plan, (0, 1), {"confidence": None})]
+    + [(router.plan, (0, 1), {name: {1}}) for name in ("arrive_by", "confidence")]
     + [(router.when, (0, 1), {name: [5]}) for name in ("depart", "until", "step", "planner", "futures", "live")]
     + [(router.isochrone, (0,), {name: {1}}) for name in ("minutes", "depart", "planner", "futures", "live", "avoid")]
     + [(router.isochrone, (0,), {"minutes": given}) for given in (5, "5", ["5"], [None], None)]

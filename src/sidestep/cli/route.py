@@ -17,7 +17,7 @@ def route(
     model: answers.Model = None,
     by: options.By = None,
     arrive_by: answers.Hyphened = None,
-    confidence: float = 0.9,
+    confidence: float | None = None,
     alternatives: options.Whole = 0,
     output: Annotated[Literal["text", "geojson", "gpx", "png"], Parameter(name="--format")] = "text",
     out: answers.OutFile = None,
@@ -31,7 +31,7 @@ def route(
     arrive_by
         When to be there, as --depart: the walk departs as late as --confidence allows, and not before --depart.
     confidence
-        Least share of the futures in which it arrives by then.
+        Least share of the futures in which it arrives by then; by default 0.9.
     alternatives
         The most other routes to show, each different enough and not much worse.
     output

@@ -8,7 +8,7 @@ from typing import Any
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.profile import HOURS_OF_WEEK, day_and_time, time_of_week
 from sidestep.crowds.wall_time import DAYS, later_time, local_time, seconds_between
-from sidestep.routing.request import Departure, RouteError, TimeOfWeek, at_fault
+from sidestep.routing.request import Departure, RouteError, TimeOfWeek, at_fault, called
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Venue
 from sidestep.walking.waits import DAY_HOURS, HOUR
@@ -46,15 +46,14 @@ class GridClock:
         """
         minutes = 0.0 if given is None else given
         if not isinstance(minutes, (int, float)) or not 0 <= 60 * minutes < self.horizon:
-            what = {"depart": "departure", "at": "time"}.get(field, field.replace("_", " "))
-            most = f"{self.horizon / 60:g}"
-            raise RouteError(f"the {what} must be minutes between 0 and {most}, not {minutes}", field=field)
+            said = f"{called(field)} must be minutes between 0 and {self.horizon / 60:g}"
+            raise RouteError(f"{said}, not {minutes}", field=field)
         return 60.0 * minutes
 
     def earliest(self, given: Departure, deadline: float) -> float:
         """Seconds since the start of the earliest departure; RouteError where it is after the deadline."""
         if (clock := self.clock(given, "depart")) > deadline:
-            raise RouteError(f"the earliest departure, {given} min, is after arrive_by", field="depart")
+            raise RouteError(f"the earliest departure, {given} min, is after the arrival", field="depart")
         return clock
 
     @staticmethod
@@ -103,16 +102,18 @@ class TownClock:
         if given is None:
             return 0.0
         if not self.timed:
-            raise RouteError(f"crowds of slots without times begin with the walk; leave out {field}", field=field)
+            raise RouteError(
+                f"crowds of slots without times begin with the walk; leave out {called(field)}", field=field
+            )
         ahead, every = self._ahead(given, field)
         if every is None and ahead < 0:
-            raise RouteError(f"{field} is before the departure; give a later time", field=field)
+            raise RouteError(f"{called(field)} is before the first; give a later time", field=field)
         if every is None:
             return ahead
         later = ahead % every
         # Windows go on over midnight, or into the next week, but not for most of a day or week.
         if later > every / 2 and self.hour * HOUR % every + later > every:
-            said = f"{field} is before the departure, or {later / HOUR:g} hours after it"
+            said = f"{called(field)} is before the first, or {later / HOUR:g} hours after it"
             raise RouteError(f"{said}; swap them, or give both with dates", field=field)
         return later
 
@@ -139,7 +140,7 @@ class TownClock:
         ahead, every = self._ahead(given, "depart")
         back = deadline - ahead if every is None else (deadline - ahead) % every
         if back < 0 or (every is not None and back > every / 2):
-            raise RouteError("the earliest departure is after arrive_by; depart earlier", field="depart")
+            raise RouteError("the earliest departure is after the arrival; depart earlier", field="depart")
         return max(deadline - back, 0.0)
 
     def _ahead(self, given: Departure, field: str) -> tuple[float, float | None]:
@@ -202,8 +203,7 @@ def time_given(given: Departure, first_day: int, field: str, timezone: str | Non
         with at_fault(field):
             there = local_time(given, timezone)
         return time_of_week(there), there
-    what = {"depart": "departure", "at": "time"}.get(field, field.replace("_", " "))
-    said = f"the {what} must be a local time, such as 2025-05-24T12:30 or Sat 12:30"
+    said = f"{called(field)} must be a local time, such as 2025-05-24T12:30 or Sat 12:30"
     raise RouteError(f"{said}, not {given}", field=field)
 
 
@@ -232,13 +232,13 @@ def town_clock(venue: Venue, flow: FlowModel, depart: Departure | None, field: s
         if depart is None:
             return TownClock(usual, 0, timed=False)
         said = "has slots without times, so walks depart as it begins"
-        raise RouteError(f"{source} {said}; leave out {field.replace('_', ' ')}", field=field)
+        raise RouteError(f"{source} {said}; leave out {called(field)}", field=field)
     first_day = min(venue.days)
     hour, date = (usual, None) if depart is None else time_given(depart, first_day, field, venue.timezone)
     clock = TownClock(hour, first_day, date, timezone=venue.timezone)
     if not flow.covers(hour):
         when = clock.facts(0.0)["departs"]
-        raise RouteError(f"{source} covers {flow.coverage}, but the departure is {when}", field=field)
+        raise RouteError(f"{source} covers {flow.coverage}, but {called(field)} is {when}", field=field)
     return clock
 
 

@@ -13,7 +13,7 @@ from sidestep.routing.facts import End, SceneFacts
 from sidestep.routing.formats import table
 from sidestep.routing.located import Located
 from sidestep.routing.plan import RoutePlan, WalkTimes
-from sidestep.routing.request import RouteError, RouteRequest
+from sidestep.routing.request import CONFIDENCE, RouteError, RouteRequest
 from sidestep.routing.trees import MINUTE
 from sidestep.routing.walks import Walker, Walks, planned
 
@@ -48,6 +48,7 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
         A deadline that cannot be met, with the earliest arrival that can (field ``arrive_by``).
     """
     deadline, walker = located.clock, Walker(replace(located, baselines=()), planner, request.futures)
+    confidence = CONFIDENCE if request.confidence is None else request.confidence
     step, most = math.ceil(located.scenario.slot_seconds / MINUTE), int((deadline - earliest) // MINUTE)
 
     def walks(minutes: float) -> Walks:
@@ -56,13 +57,13 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
 
     def sure(minutes: float) -> bool:
         found = walks(minutes)
-        return bool((_in_time(located, found) & (found.minutes <= minutes)).mean() >= request.confidence)
+        return bool((_in_time(located, found) & (found.minutes <= minutes)).mean() >= confidence)
 
     before = 0
     while not sure(after := min(before + step, most)):
         if after == most:
             late = walks((deadline - earliest) / MINUTE)
-            raise RouteError(_too_late(located, request, late, earliest), field="arrive_by")
+            raise RouteError(_too_late(located, confidence, late, earliest), field="arrive_by")
         before = after
     after = next((minutes for minutes in range(before + 1, after) if sure(minutes)), after)
     plan = planned(
@@ -70,7 +71,7 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
         request,
         within=float(after),
     )
-    return replace(plan, deadline=located.facts.departs, confidence=request.confidence)
+    return replace(plan, deadline=located.facts.departs, confidence=confidence)
 
 
 def _in_time(located: Located, walks: Walks) -> Bool[np.ndarray, " future"]:
@@ -78,12 +79,12 @@ def _in_time(located: Located, walks: Walks) -> Bool[np.ndarray, " future"]:
     return walks.arrived & (walks.minutes * MINUTE < located.scenario.horizon)
 
 
-def _too_late(located: Located, request: RouteRequest, walks: Walks, earliest: float) -> str:
+def _too_late(located: Located, confidence: float, walks: Walks, earliest: float) -> str:
     """Say when a walk that sets out as early as it may arrives."""
     minutes = np.where(_in_time(located, walks), walks.minutes, math.inf)
-    surely = float(np.quantile(minutes, request.confidence, method="higher"))
+    surely = float(np.quantile(minutes, confidence, method="higher"))
     sets_out = located.departing(earliest).facts.departs
-    said = f"no departure from {sets_out} on arrives by {located.facts.departs} with probability {request.confidence:g}"
+    said = f"no departure from {sets_out} on arrives by {located.facts.departs} with probability {confidence:g}"
     if not math.isfinite(surely):
         return f"{said}, nor later; choose a lower confidence"
     arrives = located.departing(MINUTE * math.ceil(earliest / MINUTE + surely)).facts.departs

@@ -17,7 +17,7 @@ from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.clocks import GridClock, TownClock, covered_before, town_clock
 from sidestep.routing.facts import SceneFacts
 from sidestep.routing.located import Located, LocatedInTown, NodeEnd
-from sidestep.routing.request import NO_COORDINATES, Area, Counts, Departure, Place, RouteError, at_fault
+from sidestep.routing.request import NO_COORDINATES, Area, Counts, Departure, Place, RouteError, at_fault, called
 from sidestep.scenarios.maps import ScenarioMap, with_live_counts
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Grid, Venue
@@ -205,7 +205,7 @@ class TownLocator:
         start = departs.earlier(before)
         latest = before + (given.window if given.until is None else departs.clock(given.until, "until"))
         streets, ends, avoided = self._on_streets(asked, given.avoid)
-        here, counted = self._with_counts(self._map.on_pieces(streets), given.live, start)
+        here, counted = self._with_counts(self._map.on_pieces(streets), given, start)
         facts = SceneFacts(
             scenario=self._scenario.name,
             objective=self._scenario.objective.to_json(),
@@ -268,15 +268,16 @@ class TownLocator:
             return NodeEnd(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
         return NodeEnd(node, f"crossing {node}", *self._snapper.town.place[node, ::-1].tolist())
 
-    def _with_counts(self, here: ScenarioMap, live: Counts | None, start: TownClock) -> tuple[ScenarioMap, int | None]:
+    def _with_counts(self, here: ScenarioMap, given: Circumstances, start: TownClock) -> tuple[ScenarioMap, int | None]:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""
-        if live is None:
+        if (live := given.live) is None:
             return here, None
         if self._sensors is None:
             said = f"live counts are of sensors, but the crowds of {self._scenario.name} come from a table"
             raise RouteError(said, field="live")
         if start.date is None:
-            raise RouteError("live counts need a departure with its day, such as 2025-05-24T12:30", field="depart")
+            said = f"live counts need {called(given.field)} with its day, such as 2025-05-24T12:30"
+            raise RouteError(said, field=given.field)
         with at_fault("live"):
             counts = live if isinstance(live, CountTable) else read_counts(Path(live), self._venue.layout)
             return with_live_counts(here, counts, start.date)

@@ -28,7 +28,11 @@ Counts = CountTable | Path | str
 Area = Path | str | dict[str, Any]
 """A GeoJSON file of polygons, or its content."""
 
+CONFIDENCE = 0.9
+"""The share of the futures in which walks arrive by a deadline where nobody asks for another."""
+
 NO_COORDINATES = "a grid has no coordinates; choose text or json, or a scenario with real streets, such as helsinki"
+_CALLED = {"depart": "the departure", "arrive_by": "the arrival", "until": "the last departure", "at": "the time"}
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
 _PLACE = re.compile(f"{_NUMBER},{_NUMBER}", re.ASCII)
 _NODE = re.compile(r"\s*[-+]?\d{1,18}\s*", re.ASCII)
@@ -78,8 +82,8 @@ class RouteRequest:
     ------
     RouteError
         Minutes that are not positive (field ``by``), less than one future (``futures``), a negative number of
-        alternatives (``alternatives``), a confidence that is no probability (``confidence``), two deadlines
-        (``arrive_by``), or a deadline with current counts (``live``).
+        alternatives (``alternatives``), a confidence that is no probability, or that has no deadline (``confidence``),
+        two deadlines (``arrive_by``), or a deadline with current counts (``live``).
 
     Examples
     --------
@@ -121,8 +125,8 @@ class RouteRequest:
     arrive_by: Departure | None = None
     """When to be there; the plan then departs as late as ``confidence`` allows."""
 
-    confidence: float = 0.9
-    """The least share of the futures in which the walk arrives by then."""
+    confidence: float | None = None
+    """The least share of the futures in which the walk arrives by then; by default ``CONFIDENCE``."""
 
     def __post_init__(self) -> None:
         for field in ("origin", "destination"):
@@ -135,9 +139,12 @@ class RouteRequest:
         check_count("futures", self.futures)
         check_count("alternatives", self.alternatives, least=0)
         check_files(live=self.live, avoid=self.avoid)
-        if not _is_number(self.confidence) or not 0 < self.confidence <= 1:
+        if self.confidence is not None and not (_is_number(self.confidence) and 0 < self.confidence <= 1):
             said = "the confidence must be a probability above 0 and at most 1"
             raise RouteError(f"{said}, not {self.confidence!r:.60}", field="confidence")
+        if self.confidence is not None and self.arrive_by is None:
+            said = "the confidence is that of arriving by a deadline"
+            raise RouteError(f"{said}; give arrive_by as well, or leave out confidence", field="confidence")
         if self.arrive_by is not None and self.by is not None:
             said = "arrive_by and by are both deadlines; give the time of the arrival, or minutes after the departure"
             raise RouteError(said, field="arrive_by")
@@ -290,9 +297,13 @@ def read_departure(given: object, field: str = "depart") -> Departure | None:
         if found := _TIME.fullmatch(text):
             day = None if found[1] is None else _day(found[1])
             return TimeOfWeek(time.fromisoformat(found[2].zfill(2) + found[3]), day)
-    what = {"depart": "departure", "at": "time"}.get(field, field.replace("_", " "))
-    said = f"the {what} must be a local time such as 2025-05-24T12:30, Fri 17:30 or 17:30, or minutes on a grid"
+    said = f"{called(field)} must be a local time such as 2025-05-24T12:30, Fri 17:30 or 17:30, or minutes on a grid"
     raise RouteError(f"{said}, not {given!r:.60}", field=field)
+
+
+def called(field: str) -> str:
+    """What people call the time that a parameter gives."""
+    return _CALLED[field]
 
 
 def _day(name: str) -> int:

@@ -104,7 +104,7 @@ class Router:
         avoid: Area | None = None,
         alternatives: int = 0,
         arrive_by: Departure | str | None = None,
-        confidence: float = 0.9,
+        confidence: float | None = None,
     ) -> RoutePlan:
         """Plan a route. The parameters are the fields of :class:`RouteRequest`, or text as people write it.
 
