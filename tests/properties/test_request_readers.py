@@ -10,7 +10,7 @@ from sidestep.errors import SidestepError
 from sidestep.network.formats import load_helsinki
 from sidestep.network.polygons import read_polygons
 from sidestep.routing.clocks import TownClock
-from sidestep.routing.matrix import read_places
+from sidestep.routing.places import read_places
 from sidestep.routing.request import read_departure, read_place
 
 NUMBER = st.floats() | st.integers() | st.sampled_from([24.94, 60.17, 0])

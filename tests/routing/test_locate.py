@@ -11,6 +11,7 @@ from sidestep.network.snapping import Snapper, split_streets
 from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.locate import SPARE_NODES, SPARE_SEGMENTS, Circumstances, connected, locator, padded
 from sidestep.routing.located import FUTURES, Located
+from sidestep.routing.places import AskedPlace
 from sidestep.routing.request import read_departure
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_map
@@ -22,7 +23,7 @@ QUAY_COUNT = 4824
 
 
 def located(problem: Scenario, origin=0, destination=1, depart=NOON, **more) -> Located:
-    ends = [("origin", origin), ("destination", destination)]
+    ends = [AskedPlace("origin", origin), AskedPlace("destination", destination)]
     found = locator(problem, draw_map(problem, 0)).locate(ends, Circumstances(depart=depart, **more))
     return connected(found)
 

@@ -98,10 +98,25 @@ def test_files_of_places(router, tmp_path) -> None:
     with pytest.raises(SidestepError) as caught:
         router.matrix(file, depart=NOON)
     assert (caught.value.field, caught.value.line) == ("origins", 2)
-    file.write_text("0\nhere\n")
-    with pytest.raises(SidestepError) as caught:
-        router.matrix([0], file, depart=NOON)
-    assert (caught.value.field, caught.value.line) == ("destinations", 2)
+    # No place; outside the town; no crossing of it; without its longitude.
+    for wrong in ("here", "48,11,Munich", "99,,", "91,0", "60.17"):
+        file.write_text(f"0\n# then\n{wrong}\n")
+        with pytest.raises(SidestepError) as caught:
+            router.matrix([0], file, depart=NOON)
+        assert (caught.value.field, caught.value.line) == ("destinations", 3)
+        assert str(caught.value).count(file.name) == 1
+
+
+def test_nodes_of_files_on_a_grid(grid, tmp_path) -> None:
+    file = tmp_path / "nodes.csv"
+    file.write_text("4,,middle\n8\n")
+    found = grid.matrix(file, [0], depart=15)
+    assert [end.called for end in found.origins] == ["middle", "node 8"]
+    for wrong in ("9", "0,0"):
+        file.write_text(f"0\n{wrong}\n")
+        with pytest.raises(SidestepError) as caught:
+            grid.matrix(file, depart=15)
+        assert (caught.value.field, caught.value.line) == ("origins", 2)
 
 
 def area_of(polygons: list) -> shapely.Geometry:

@@ -12,6 +12,7 @@ from sidestep.errors import SidestepError
 from sidestep.network.formats import save_town
 from sidestep.network.osm import import_osm
 from sidestep.routing.locate import Circumstances, locator
+from sidestep.routing.places import AskedPlace
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, scenario
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.places import Counters
@@ -171,7 +172,7 @@ def test_departures_with_an_offset_are_turned_into_the_venues_time() -> None:
 
     def departure(time: str) -> str | None:
         given = Circumstances(depart=datetime.fromisoformat(time))
-        return here.locate([("origin", 0), ("destination", 1)], given).facts.departure
+        return here.locate([AskedPlace("origin", 0), AskedPlace("destination", 1)], given).facts.departure
 
     assert departure("2025-05-24T12:30") == "2025-05-24T12:30:00"
     assert departure("2025-05-24T09:30Z") == "2025-05-24T12:30:00"

@@ -113,10 +113,10 @@ def matrix(
     place.check()
     answers.check_output(output, out, as_json=as_json)
     options.start_jax()
-    from sidestep.routing.matrix import NamedPlace, read_places
+    from sidestep.routing.places import AskedPlace, read_places
 
-    froms: list[NamedPlace | str] = [*(origin or []), *([] if origins is None else read_places("origins", origins))]
-    tos: list[NamedPlace | str] = [
+    froms: list[AskedPlace | str] = [*(origin or []), *([] if origins is None else read_places("origins", origins))]
+    tos: list[AskedPlace | str] = [
         *(destination or []),
         *([] if destinations is None else read_places("destinations", destinations)),
     ]

@@ -17,6 +17,7 @@ from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.clocks import GridClock, TownClock, covered_before, town_clock
 from sidestep.routing.facts import SceneFacts
 from sidestep.routing.located import Located, LocatedInTown, NodeEnd
+from sidestep.routing.places import AskedPlace
 from sidestep.routing.request import NO_COORDINATES, Area, Counts, Departure, Place, RouteError, at_fault, called
 from sidestep.scenarios.maps import ScenarioMap, with_live_counts
 from sidestep.scenarios.model import Scenario
@@ -29,9 +30,6 @@ that all requests have the same shapes and share their compiled programs."""
 
 LEAST_WINDOW = 1800.0
 """Seconds; windows of departures are this long, twice as long, four times, …, which keeps the number of shapes low."""
-
-Asked = Sequence[tuple[str, Place | None]]
-"""Places, each with the parameter that it is of."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +62,7 @@ class Circumstances:
 class Locator(Protocol):
     """Locates requests on one map of a scenario."""
 
-    def locate(self, asked: Asked, given: Circumstances) -> Located:
+    def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> Located:
         """Find places on the streets, and the crowds at the departure.
 
         Parameters
@@ -80,8 +78,8 @@ class Locator(Protocol):
         Raises
         ------
         SidestepError
-            With the parameter at fault as its ``field``: nodes that do not exist, places outside the town or inside
-            the area to avoid, departures and live counts without known crowds.
+            With the parameter at fault as its ``field``, and its line where a place is from a file: nodes that do not
+            exist, places outside the town or inside the area to avoid, departures and live counts without known crowds.
         """
 
 
@@ -128,22 +126,16 @@ def connected(located: Located) -> Located:
     raise RouteError(said, field="destination")
 
 
-def _requested(asked: Asked, nodes: int) -> list[tuple[str, Place]]:
-    """The places that were asked for, none of them left out, and no nodes that do not exist."""
-    found: list[tuple[str, Place]] = []
-    for name, place in asked:
-        if place is None:
-            option = "--to" if name == "destination" else "--from"
-            said = f"{_one(name)} ({option}) is missing; give LAT,LON such as 60.1699,24.9384, or a crossing's number"
-            raise RouteError(said, field=name)
-        if isinstance(place, int) and not 0 <= place < nodes:
-            raise RouteError(f"{_one(name)} is node {place}, but nodes are numbered 0 to {nodes - 1}", field=name)
-        found.append((name, place))
-    return found
-
-
-def _one(name: str) -> str:
-    return f"one of the {name}" if name.endswith("s") else f"the {name}"
+def _requested(asked: AskedPlace, nodes: int) -> Place:
+    """The place that is asked for; RouteError where there is none, and for nodes that do not exist."""
+    place = asked.place
+    if place is None:
+        option = "--to" if asked.field == "destination" else "--from"
+        said = f"{asked.called} ({option}) is missing; give LAT,LON such as 60.1699,24.9384, or a crossing's number"
+        raise RouteError(said)
+    if isinstance(place, int) and not 0 <= place < nodes:
+        raise RouteError(f"{asked.called} is node {place}, but nodes are numbered 0 to {nodes - 1}")
+    return place
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,16 +145,8 @@ class GridLocator:
     scenario: Scenario
     scenario_map: ScenarioMap
 
-    def locate(self, asked: Asked, given: Circumstances) -> Located:
-        scenario, ends = self.scenario, []
-        nodes = self.scenario_map.network.nodes
-        corners = {"origin": 0, "destination": nodes - 1}  # as in the paper
-        for name, place in _requested(
-            [(name, corners[name] if place is None else place) for name, place in asked], nodes
-        ):
-            if not isinstance(place, int):
-                raise RouteError(f"{_one(name)} must be a node: a grid has no latitudes and longitudes", field=name)
-            ends.append(NodeEnd(place, f"node {place}"))
+    def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> Located:
+        scenario, ends = self.scenario, tuple(map(self._end, asked))
         start = GridClock(scenario.horizon)
         clock = start.clock(given.depart, given.field)
         if given.live is not None:
@@ -180,7 +164,7 @@ class GridLocator:
             **start.facts(clock),
         )
         return Located(
-            ends=tuple(ends),
+            ends=ends,
             facts=facts,
             scenario=scenario,
             scenario_map=self.scenario_map,
@@ -189,6 +173,15 @@ class GridLocator:
             latest=clock + given.window if given.until is None else start.clock(given.until, "until"),
         )
 
+    def _end(self, asked: AskedPlace) -> NodeEnd:
+        nodes = self.scenario_map.network.nodes
+        corners = {"origin": 0, "destination": nodes - 1}  # as in the paper
+        with asked.at_fault():
+            place = _requested(asked if asked.place is not None else replace(asked, place=corners[asked.field]), nodes)
+            if not isinstance(place, int):
+                raise RouteError(f"{asked.called} must be a node: a grid has no latitudes and longitudes")
+        return NodeEnd(place, f"node {place}", label=asked.label)
+
 
 class TownLocator:
     """Ends are nodes or places near streets, which are split there; the departure is a local time."""
@@ -196,10 +189,10 @@ class TownLocator:
     def __init__(self, scenario: Scenario, scenario_map: ScenarioMap, venue: Venue) -> None:
         self._scenario, self._map, self._venue = scenario, scenario_map, venue
         self._streets = walked_streets(venue.streets, scenario.walker)
-        self._snapper = Snapper(self._streets.town)
+        self._snapper, self._crossings = Snapper(self._streets.town), set(self._streets.crossings.tolist())
         self._sensors = len(set(scenario_map.sensors)) or None
 
-    def locate(self, asked: Asked, given: Circumstances) -> LocatedInTown:
+    def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> LocatedInTown:
         departs = town_clock(self._venue, self._map.flow, given.depart, given.field)
         before = covered_before(departs, self._map.flow, self._scenario) if given.lookback else 0.0
         start = departs.earlier(before)
@@ -236,37 +229,44 @@ class TownLocator:
             streets=streets,
         )
 
-    def _on_streets(self, asked: Asked, avoid: Area | None) -> tuple[SplitStreets, tuple[NodeEnd, ...], dict[str, Any]]:
+    def _on_streets(
+        self, asked: Sequence[AskedPlace], avoid: Area | None
+    ) -> tuple[SplitStreets, tuple[NodeEnd, ...], dict[str, Any]]:
         """All places on streets that are split there, and facts of what is avoided."""
-        town, known = self._snapper.town, self._streets.crossings.tolist()
-        places = _requested(asked, town.nodes)
-        found: list[int | StreetPoint] = []
-        for name, place in places:
-            if isinstance(place, int) and place not in known:
-                said = f"{self._scenario.walker.called} cannot get to {_one(name)}, crossing {place}; choose another"
-                raise RouteError(said, field=name)
-            with at_fault(name):
-                found.append(place if isinstance(place, int) else self._snapper.nearest(*place))
+        town, found = self._snapper.town, list(map(self._snapped, asked))
         streets = padded(split_streets(town, found), len(found))
-        ends = tuple(map(self._end, streets.nodes, found, (place for _, place in places)))
+        ends = tuple(map(self._end, streets.nodes, found, asked))
         if avoid is None:
             return streets, ends, {}
         with at_fault("avoid"):
             area = read_polygons(avoid, town)
-        for (name, place), end in zip(places, ends, strict=True):
-            points = np.array([[end.longitude, end.latitude], *([] if isinstance(place, int) else [place[::-1]])])
-            if area.contains(points).any():
-                said = f"{_one(name)}, {end.asked}, lies inside the area to avoid; choose another place or area"
+        for each, end in zip(asked, ends, strict=True):
+            points = [[end.longitude, end.latitude], *([each.place[::-1]] if isinstance(each.place, tuple) else [])]
+            if area.contains(np.array(points)).any():
+                said = f"{each.called}, {end.asked}, lies inside the area to avoid; choose another place or area"
                 raise RouteError(said, field="avoid")
         closed = area.crossed(streets)
         network = streets.network.without(closed)
         avoided = {"avoided_streets": len(np.unique(streets.street[closed])), "avoided_area": area.rings}
         return replace(streets, network=network), ends, avoided
 
-    def _end(self, node: int, found: int | StreetPoint, asked: Place) -> NodeEnd:
-        if isinstance(found, StreetPoint) and not isinstance(asked, int):
-            return NodeEnd(node, f"{asked[0]:.5f},{asked[1]:.5f}", *found.place, found.distance)
-        return NodeEnd(node, f"crossing {node}", *self._snapper.town.place[node, ::-1].tolist())
+    def _snapped(self, asked: AskedPlace) -> int | StreetPoint:
+        """The crossing that is asked for, or the place on the nearest street."""
+        with asked.at_fault():
+            place = _requested(asked, self._snapper.town.nodes)
+            if not isinstance(place, int):
+                return self._snapper.nearest(*place)
+            if place not in self._crossings:
+                said = f"{self._scenario.walker.called} cannot get to {asked.called}, crossing {place}; choose another"
+                raise RouteError(said)
+        return place
+
+    def _end(self, node: int, found: int | StreetPoint, asked: AskedPlace) -> NodeEnd:
+        if isinstance(found, StreetPoint) and isinstance(asked.place, tuple):
+            latitude, longitude = asked.place
+            return NodeEnd(node, f"{latitude:.5f},{longitude:.5f}", *found.place, found.distance, asked.label)
+        longitude, latitude = self._snapper.town.place[node].tolist()
+        return NodeEnd(node, f"crossing {node}", latitude, longitude, label=asked.label)
 
     def _with_counts(self, here: ScenarioMap, given: Circumstances, start: TownClock) -> tuple[ScenarioMap, int | None]:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""

@@ -2,23 +2,17 @@
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sidestep.files import reading
 from sidestep.planners.base import Planner
 from sidestep.routing.facts import End, SceneFacts
 from sidestep.routing.formats import table
 from sidestep.routing.located import Located
-from sidestep.routing.request import Place, RouteError, at_fault, check_list, read_place
 from sidestep.routing.trees import NAMES, Paths, minutes_or_none
-
-MOST_PLACES = 1_000
-"""The most origins or destinations of one matrix."""
 
 WIDE = 80
 """Characters of the widest line of a table."""
@@ -26,17 +20,6 @@ WIDE = 80
 LONGEST_LABEL = 30
 """Characters of a place's name in the text."""
 
-
-@dataclass(frozen=True)
-class NamedPlace:
-    """A place of a file, which may have a name there."""
-
-    place: Place
-    label: str = ""
-
-
-Places = Sequence[NamedPlace | Place | str] | Path | str
-"""Places one after the other, or a file of them."""
 
 Minutes = list[list[float | None]]
 
@@ -162,55 +145,3 @@ def time_matrix(located: Located, planner: Planner, origins: int, *, square: boo
         p50=found.get("p50"),
         p90=found.get("p90"),
     )
-
-
-def read_places(field: str, given: Places) -> list[NamedPlace]:
-    """Read places, or a file of them.
-
-    Parameters
-    ----------
-    field
-        For errors: ``origins`` or ``destinations``.
-    given
-        Places as :func:`~sidestep.routing.request.read_place` takes them. A file has one place a line, a node or
-        latitude and longitude with a comma between them. After a second comma the place may have a name (a node then
-        has nothing between both commas). Empty lines, lines that begin with #, and a heading are ignored.
-
-    Returns
-    -------
-    list of NamedPlace
-        At least one.
-
-    Raises
-    ------
-    RouteError
-        Files that cannot be read, text that is no place, no places, or more than ``MOST_PLACES``.
-    """
-    if isinstance(given, (str, Path)):
-        with at_fault(field), reading(Path(given), RouteError, "places") as file:
-            places = list(_lines(field, file.read().decode("utf-8-sig")))
-    else:
-        check_list(field, given)
-        read = (each if isinstance(each, NamedPlace) else read_place(field, each) for each in given)
-        places = [each if isinstance(each, NamedPlace) else NamedPlace(each) for each in read if each is not None]
-    if not 1 <= len(places) <= MOST_PLACES:
-        raise RouteError(f"give 1 to {MOST_PLACES:,} {field}, not {len(places):,}", field=field)
-    return places
-
-
-def _lines(field: str, text: str) -> Iterator[NamedPlace]:
-    for number, line in enumerate(text.splitlines(), start=1):
-        try:
-            words = [word.strip() for word in next(csv.reader([line], skipinitialspace=True), [])]
-        except csv.Error as error:
-            raise RouteError(f"line {number}: {error}", field=field, line=number) from error
-        heading = number == 1 and words[0].lower() in ("lat", "latitude", "node")
-        if heading or not any(words) or line.lstrip().startswith("#"):
-            continue
-        try:
-            place = read_place(field, ",".join(filter(None, words[:2])))
-        except RouteError as error:
-            raise RouteError(f"line {number}: {error}", field=field, line=number) from error
-        if place is not None:
-            label = "".join(sign for sign in " ".join(words[2:3]) if sign.isprintable())
-            yield NamedPlace(place, label)

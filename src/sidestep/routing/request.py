@@ -32,7 +32,16 @@ CONFIDENCE = 0.9
 """The share of the futures in which walks arrive by a deadline where nobody asks for another."""
 
 NO_COORDINATES = "a grid has no coordinates; choose text or json, or a scenario with real streets, such as helsinki"
-_CALLED = {"depart": "the departure", "arrive_by": "the arrival", "until": "the last departure", "at": "the time"}
+_CALLED = {
+    "depart": "the departure",
+    "until": "the last departure",
+    "arrive_by": "the arrival",
+    "at": "the time",
+    "origin": "the origin",
+    "destination": "the destination",
+    "origins": "one of the origins",
+    "destinations": "one of the destinations",
+}
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
 _PLACE = re.compile(f"{_NUMBER},{_NUMBER}", re.ASCII)
 _NODE = re.compile(r"\s*[-+]?\d{1,18}\s*", re.ASCII)
@@ -230,7 +239,7 @@ def read_place(field: str, given: object) -> Place | None:
     Parameters
     ----------
     field
-        For errors: ``origin`` or ``destination``.
+        For errors: the parameter that it is of.
     given
         As people write it, such as ``60.1699,24.9384``, or as it is to be.
 
@@ -253,13 +262,13 @@ def read_place(field: str, given: object) -> Place | None:
         if _is_number(latitude) and _is_number(longitude):
             return float(latitude), float(longitude)
     if not isinstance(given, str):
-        said = f"the {field} must be the number of a node, or latitude and longitude such as (60.1699, 24.9384)"
+        said = f"{called(field)} must be the number of a node, or latitude and longitude such as (60.1699, 24.9384)"
         raise RouteError(f"{said}, not {given!r:.60}", field=field)
     if _NODE.fullmatch(given):
         return int(given)
     if found := _PLACE.fullmatch(given):
         return float(found[1]), float(found[2])
-    said = f"the {field} must be a node or LAT,LON such as 60.1699,24.9384, with a comma and no space"
+    said = f"{called(field)} must be a node or LAT,LON such as 60.1699,24.9384, with a comma and no space"
     raise RouteError(f"{said}, not {given.strip()!r:.60}", field=field)
 
 
@@ -302,7 +311,7 @@ def read_departure(given: object, field: str = "depart") -> Departure | None:
 
 
 def called(field: str) -> str:
-    """What people call the time that a parameter gives."""
+    """What people call the time or the place that a parameter gives."""
     return _CALLED[field]
 
 

@@ -1,7 +1,6 @@
 """Planning many routes through one place from one process."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import NoneType
 
@@ -15,7 +14,8 @@ from sidestep.routing.departures import DepartureWindow, departure_window, lates
 from sidestep.routing.isochrone import Isochrone, isochrone
 from sidestep.routing.locate import Circumstances, connected, locator
 from sidestep.routing.located import Located
-from sidestep.routing.matrix import Places, TimeMatrix, read_places, time_matrix
+from sidestep.routing.matrix import TimeMatrix, time_matrix
+from sidestep.routing.places import AskedPlace, Places, read_places
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import (
     Area,
@@ -237,7 +237,7 @@ class Router:
         check_files(live=live, avoid=avoid)
         check_list("minutes", minutes)
         given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
-        located = self._locate.locate([("origin", read_place("origin", origin))], given)
+        located = self._locate.locate([AskedPlace("origin", read_place("origin", origin))], given)
         return isochrone(located, self._search(planner), minutes, futures)
 
     def matrix(
@@ -274,13 +274,9 @@ class Router:
         check_count("futures", futures)
         check_files(live=live, avoid=avoid)
         froms = read_places("origins", origins)
-        places = froms if destinations is None else [*froms, *read_places("destinations", destinations)]
-        fields = ["origins"] * len(froms) + ["destinations"] * (len(places) - len(froms))
-        asked = [(field, each.place) for field, each in zip(fields, places, strict=True)]
+        asked = froms if destinations is None else [*froms, *read_places("destinations", destinations)]
         given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
         located = self._locate.locate(asked, given)
-        ends = tuple(replace(end, label=each.label) for end, each in zip(located.ends, places, strict=True))
-        located = replace(located, ends=ends)
         return time_matrix(located, self._search(planner), len(froms), square=destinations is None, futures=futures)
 
     def crowds(self, at: Departure | str | None = None, *, live: Counts | None = None) -> StreetCrowds:
@@ -310,7 +306,8 @@ class Router:
 
     def _between(self, origin: Place | None, destination: Place | None, given: Circumstances) -> Located:
         """Locate a walk from one place to another, which a path must connect."""
-        return connected(self._locate.locate([("origin", origin), ("destination", destination)], given))
+        asked = [AskedPlace("origin", origin), AskedPlace("destination", destination)]
+        return connected(self._locate.locate(asked, given))
 
     def _search(self, planner: Planner | str | None) -> Planner:
         """Find who searches the paths to everywhere.
