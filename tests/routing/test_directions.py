@@ -1,5 +1,7 @@
 """Bearings, turn words, crowding words, and streets joined to steps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,6 +126,28 @@ def test_a_bend_within_a_few_metres_is_no_turn() -> None:
     assert [(step.turn, step.first_leg) for step in directions(bends)] == [("head north", 0), ("bear right", 3)]
     corner = [leg((0, 0), (0, 50)), leg((0, 50), (8, 50)), leg((8, 50), (8, 100))]
     assert [step.turn for step in directions(corner)] == ["head north", "turn right", "turn left"]
+
+
+@pytest.mark.parametrize(
+    ("between", "steps"),
+    [
+        ([((100, 0), (112, 0))], 1),
+        ([((100, 0), (108, 6))], 1),  # askew
+        ([((100, 0), (106, 0)), ((106, 0), (112, 0))], 1),
+        ([((100, 0), (125, 0))], 3),  # long enough to be told
+        ([((100, 0), (100, 12))], 3),  # round two corners
+    ],
+)
+def test_a_street_goes_on_behind_a_few_metres_of_another(between: list, steps: int) -> None:
+    end = between[-1][1]
+    after = leg(end, (end[0] + 200, end[1]), name="Long Street")
+    crossed = [leg(*ends, name="Quay") for ends in between]
+    found = directions([leg((0, 0), (100, 0), name="Long Street"), *crossed, after])
+    assert [step.street for step in found] == ["Long Street", "Quay", "Long Street"][:steps]
+    assert sum(step.metres for step in found) == pytest.approx(sum(each.metres for each in (*crossed, after)) + 100)
+    # Another street behind it is another step, and so is one before which people wait.
+    for other in (replace(after, name="Low Street"), replace(after, opens="06:00"), replace(after, name="")):
+        assert len(directions([leg((0, 0), (100, 0), name="Long Street"), *crossed, other])) == 3
 
 
 def test_who_turns_round_is_told_so() -> None:

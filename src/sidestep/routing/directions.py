@@ -14,6 +14,9 @@ from sidestep.network.tags import ACROSS, AREA
 SIGHT = 15.0
 """Metres along a street from a crossing over which its direction is taken."""
 
+INTERRUPTION = 20.0
+"""Metres below which a piece of another street, straight on between two of one name, is part of that street."""
+
 TURNS = ((20.0, "straight on"), (60.0, "bear {}"), (120.0, "turn {}"), (165.0, "sharp {}"), (math.inf, "turn round"))
 """Words for a turn, by its largest angle in degrees; ``{}`` is the side."""
 
@@ -182,7 +185,21 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
 
 
 def directions(legs: Sequence[Leg]) -> list[Step]:
-    """Turn by turn: a street's name, a square, or a kind that leads straight on, is one line; a wait begins another."""
+    """Turn by turn.
+
+    Streets of one name are one line, with the few metres of another street that may lie between them, and so are a
+    square, and streets of one kind that lead straight on. A wait begins another line.
+
+    Parameters
+    ----------
+    legs
+        Of a route in a town.
+
+    Returns
+    -------
+    list of Step
+        The lines, in the order of the route.
+    """
     groups: list[tuple[str, int, list[Leg]]] = []
     ended = 0.0
     for number, leg in enumerate(legs):
@@ -192,6 +209,9 @@ def directions(legs: Sequence[Leg]) -> list[Step]:
             groups.append((f"wait until {leg.opens}, then {turn}", number, [leg]))
         elif groups and _joins(legs[number - 1], leg, turn):
             groups[-1][2].append(leg)
+        elif len(groups) > 1 and _resumes(groups[-2][2][-1], groups[-1][2], leg, (groups[-1][0], turn)):
+            *_, between = groups.pop()
+            groups[-1][2].extend([*between, leg])
         else:
             groups.append((turn, number, [leg]))
         ended = ends
@@ -214,6 +234,16 @@ def _joins(before: Leg, after: Leg, turn: str) -> bool:
     # "Footway" is no name: two of them that meet in a corner are not the same. Of a square people see all at once.
     same = before.label == after.label and bool(before.name) == bool(after.name)
     one = bool(after.name) or after.kind in ACROSS
+    return same and (_leads_on(before, after, turn) or (one and turn != "turn round"))
+
+
+def _resumes(before: Leg, between: Sequence[Leg], after: Leg, turns: tuple[str, str]) -> bool:
+    """Whether a street goes on behind a short piece of another one, given the turns onto that and from it."""
+    same = bool(after.name) and before.name == after.name and sum(leg.metres for leg in between) < INTERRUPTION
+    return same and _leads_on(before, between[0], turns[0]) and _leads_on(between[-1], after, turns[1])
+
+
+def _leads_on(before: Leg, after: Leg, turn: str) -> bool:
     # Over so few metres a bend is no turn.
     bend = turn.startswith("bear") and min(before.metres, after.metres) < SIGHT
-    return same and (turn == "straight on" or bend or (one and turn != "turn round"))
+    return turn == "straight on" or bend
