@@ -258,7 +258,7 @@ def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counte
 
     forecast, snapshot = jax.lax.map(one, jnp.arange(speeds.count * speeds.slots))
     shape = (speeds.count, speeds.slots)
-    return LiveCostToGo(forecast.reshape(*shape, *forecast.shape[1:]), snapshot.reshape(*shape, -1))
+    return LiveCostToGo(snapshot.reshape(*shape, -1), forecast.reshape(*shape, *forecast.shape[1:]))
 
 
 def _forecast(

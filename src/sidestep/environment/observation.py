@@ -127,23 +127,31 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
     """
     known, speeds, future = known_live_cost_to_go(params), params.futures.speeds, state.instance.future
     segment, slot = params.network.exit_segment[state.node], slot_at(state.clock, speeds.slot_seconds, speeds.slots)
+    snapshot = local.cost + known.snapshot[future, slot, local.onto]
+    if known.forecast is None:
+        return Live(snapshot)
     part, steps = jnp.clip(state.clock / speeds.slot_seconds - slot, 0.0, 1.0), known.forecast.shape[2] - 1
     step: int | Int[Array, ""] = 0
+    clock, gates = jnp.full(segment.shape, state.clock), params.gates_in(future)
     if params.waits.gates:
         step = jnp.minimum(jnp.floor(part * steps).astype(jnp.int32), steps - 1)
         part = part * steps - step
+        edges = (jnp.full_like(clock, (slot + edge / steps) * speeds.slot_seconds) for edge in (step, step + 1))
+        shut, begin, end = (gates(segment, at) for at in (clock, *edges))
+        # Where a gate shuts or opens for good in between, only one of both is like now.
+        for_good = (begin > params.horizon) != (end > params.horizon)
+        part = jnp.where(for_good, (shut > params.horizon) == (end > params.horizon), part)
+        shut -= (1 - part) * begin + part * end  # forecasts take gates to open and shut little by little
     begin, end = known.forecast[future, slot, step, segment], known.forecast[future, slot, step + 1, segment]
     forecast = (1 - part) * begin + part * end
     # Forecasts leave out penalties, and take lights at their mean wait: from here both are seen.
-    density, clock = partial(speeds.density_at, future, segment, slot), jnp.full(segment.shape, state.clock)
+    density = partial(speeds.density_at, future, segment, slot)
     forecast += params.objective.penalty * params.objective.too_dense(density)
     mean, seen = (each.wait_in(future)(segment, clock) for each in (with_mean_waits(params), params))
-    if params.waits.gates:  # between two steps forecasts take gates to open and shut little by little
-        edges = (jnp.full_like(clock, (slot + edge / steps) * speeds.slot_seconds) for edge in (step, step + 1))
-        begin, end = (params.gates_in(future)(segment, edge) for edge in edges)
-        mean += (1 - part) * begin + part * end - params.gates_in(future)(segment, clock)
+    if params.waits.gates:
+        mean -= shut
     forecast += params.objective.waiting(seen - mean, density)
-    return Live(local.cost + known.snapshot[future, slot, local.onto], forecast)
+    return Live(snapshot, forecast)
 
 
 def _crossing_now(params: EnvParams, state: EnvState, speeds: Speeds, future: Int[Array, ""]) -> Crossing:

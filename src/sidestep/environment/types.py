@@ -57,11 +57,11 @@ class ExpectedCostToGo(eqx.Module):
 class LiveCostToGo(eqx.Module):
     """Costs of getting to each future's destination, from all counts of a slot: level ``live`` knows them."""
 
-    forecast: Float[Array, "future slot step segment"]
-    """Cost over each segment, if crowds go on as forecast, entered as each step of the slot begins, and as the last one
-    ends. There is one step, or several where gates shut."""
     snapshot: Float[Array, "future slot node"]
     """Cost from each node, if crowds stay as they are."""
+    forecast: Float[Array, "future slot step segment"] | None = None
+    """Cost over each segment, if crowds go on as forecast, entered as each step of the slot begins, and as the last one
+    ends. There is one step, or several where gates shut. None for walkers who do not look at it."""
 
 
 class Futures(eqx.Module):
@@ -233,8 +233,8 @@ class Live(eqx.Module):
 
     snapshot: Float[Array, " exit"]
     """Cost to the destination over each segment, if crowds stay as they are."""
-    forecast: Float[Array, " exit"]
-    """Cost to the destination over each segment, if crowds go on as forecast."""
+    forecast: Float[Array, " exit"] | None = None
+    """Cost to the destination over each segment, if crowds go on as forecast; None where no forecasts are known."""
 
 
 class Observation(eqx.Module):

@@ -168,7 +168,7 @@ def see_counts(
         How many slots, from the first on, counts and forecasts are shown of; after the last of them walkers see what
         they saw in it. Forecasts take much longer than all else: leave out slots in which everybody has arrived.
     forecasts
-        Whether forecasts are worked out; without, they are zero, for walkers who do not look at them.
+        Whether forecasts are worked out; else there are none, for walkers who do not look at them.
 
     Returns
     -------
@@ -253,5 +253,5 @@ def _with_counts(crowds: _Crowds, params: EnvParams, slots: int, *, forecasts: b
     shown = replace(params, futures=params.futures.first(slots=slots))
     costs = _live_cost_to_go(crowds, shown, shown.futures.speeds.field(params.network))
     if not forecasts:  # the compiler then leaves out what they take
-        costs = LiveCostToGo(jnp.zeros_like(costs.forecast), costs.snapshot)
+        costs = replace(costs, forecast=None)
     return replace(params, futures=replace(params.futures, cost_to_go=costs), level="live")
