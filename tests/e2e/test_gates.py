@@ -131,6 +131,28 @@ def test_gates_that_shut_within_a_slot(venue, make_town, planner: str, north: in
     assert router.plan(0, 2, depart=depart, planner=planner).metres == pytest.approx(far, abs=0.1)
 
 
+@pytest.mark.parametrize("planner", ["greedy-map", "forecast"])
+@pytest.mark.parametrize(("depart", "far"), [("Sat 21:58:05", 268), ("Sat 21:58:25", 314)])
+def test_gates_at_ones_own_crossing_are_seen_to_the_second(venue, make_town, planner: str, depart: str, far: float):
+    # One comes to the gate 15 s before it shuts, or 5 s after, between two steps of the costs to go.
+    corners = [(0, 0), (134, 0), (268, 0), (201, 60)]
+    town = make_town(corners, [(0, 1), (1, 2), (1, 3), (3, 2)], opening=("", OPEN, "", ""))
+    router = Router(load_scenario(venue("seconds", town)))
+    assert router.plan(0, 2, depart=depart, planner=planner).metres == pytest.approx(far, abs=0.5)
+
+
+def test_by_length_a_gate_that_is_shut_is_no_short_cut(venue, make_town) -> None:
+    # 200 m past a gate, 256 m round it, or 283 m.
+    corners = [(0, 0), (100, 0), (200, 0), (100, 80), (100, -100)]
+    ends = [(0, 1), (1, 2), (0, 3), (3, 2), (0, 4), (4, 2)]
+    router = Router(load_scenario(venue("round", make_town(corners, ends, opening=("", OPEN, "", "", "", "")))))
+    for depart, first, other in ((NOON, 200, 256.1), ("Sat 05:40", 256.1, 282.8)):
+        asked = {"depart": depart, "planner": "shortest-path"}
+        plan = router.plan(0, 2, alternatives=1, **asked)
+        assert [each.metres for each in (plan, *plan.alternatives)] == pytest.approx([first, other], abs=0.1)
+        assert router.matrix([0], [2], **asked).minutes == [[pytest.approx(plan.expected_minutes, abs=0.01)]]
+
+
 def test_one_waits_once_for_each_street(venue, make_town) -> None:
     # 500 m behind one gate; whoever comes in time walks on past places in the middle after it has shut.
     town = make_town([(0, 0), (100, 0), (600, 0), (700, 0)], [(0, 1), (1, 2), (2, 3)], opening=("", OPEN, ""))

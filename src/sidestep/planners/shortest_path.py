@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -27,20 +27,38 @@ class ShortestPath(Planned):
     level: ClassVar[Level] = "map"
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        network, every = params.network, jnp.arange(params.network.segments)
+        network = params.network
         exit_node, exit_segment = np.asarray(network.exit_node), np.asarray(network.exit_segment)
         hour = np.asarray(params.futures.hour)[np.asarray(instances.future)]
         departures = np.stack([hour, np.asarray(instances.departure)], axis=1) * params.waits.gates
 
         def best_exits(destination: int, departure: Float[np.ndarray, "2"]) -> np.ndarray:
-            hour, clock = jnp.asarray(departure)
-            shut = params.waits.until_open(hour, every, jnp.full(every.shape, clock))
-            length = np.asarray(network.length + params.free_speed * shut)
+            length = np.asarray(metres_at(params, *jnp.asarray(departure)))
             ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
             valid = np.asarray(network.exits_to(jnp.int32(destination)))
             return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]
 
         return Plan(None, table_per_walk(best_exits, np.asarray(instances.destination), departures))
+
+
+def metres_at(params: EnvParams, hour: Float[Array, ""], clock: Float[Array, ""]) -> Float[Array, " segment"]:
+    """Give the lengths by which paths are chosen at a departure: streets that are shut then count as longer.
+
+    Parameters
+    ----------
+    params
+        The environment.
+    hour, clock
+        Hour of the week at clock 0, and clock of the departure.
+
+    Returns
+    -------
+    Float[Array, " segment"]
+        Metres, and for each second until a street opens those that one walks meanwhile.
+    """
+    every = jnp.arange(params.network.segments)
+    shut = params.waits.until_open(hour, every, jnp.full(every.shape, clock))
+    return params.network.length + params.free_speed * shut
 
 
 def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> Float[np.ndarray, " node"]:

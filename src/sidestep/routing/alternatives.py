@@ -23,11 +23,12 @@ from sidestep.environment.cost_to_go import at_clock, field_cost_to_go, gate_ste
 from sidestep.environment.crossing import crossings
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.planners.base import Plan, Planned, Planner, Route, routes
-from sidestep.planners.shortest_path import ShortestPath
+from sidestep.planners.shortest_path import ShortestPath, metres_at
 from sidestep.planners.time_dependent import FINE_STEP
 from sidestep.routing.request import RouteError
 from sidestep.routing.trees import least_costs
 from sidestep.walking.objective import WeightedObjective
+from sidestep.walking.waits import NoWaits
 
 MOST_SHARED = 0.7
 """Largest share of its length, or of that of a better route, that an alternative has in common with it."""
@@ -106,10 +107,10 @@ def alternatives(
             f"{said}, not {planner.name}, which decides on the way or knows the future", field="alternatives"
         )
     by_length = isinstance(planner, ShortestPath)
-    weighed = replace(params, objective=WeightedObjective(time=0.0, distance=1.0)) if by_length else params
+    weighed = _by_length(params, instance) if by_length else params
     length = np.asarray(params.network.length, np.float64)
     street = np.unique(pieces, axis=0, return_inverse=True)[1].reshape(-1)
-    least = float(length[list(best.segments)].sum()) if by_length else best.cost
+    least = float(weighed.network.length[jnp.array(best.segments)].sum()) if by_length else best.cost
     chosen, found = [_Course.of(best.segments, street, length)], []
     for path in _by_way_of_others(weighed, instance, MOST_COST * least):
         course = _Course.of(path, street, length)
@@ -118,16 +119,23 @@ def alternatives(
             continue
         kept = KeptPath(_exits_along(params, path))
         (route,) = routes(kept, weighed, instance, key, params.network.nodes)
-        if not (route.arrived and route.cost <= MOST_COST * least):
-            continue
-        chosen.append(course)
         cost = max(route.cost, least)  # rounding makes none cheaper than the best
         if by_length:
             (route,) = routes(kept, params, instance, key, params.network.nodes)
+        if not (route.arrived and cost <= MOST_COST * least):
+            continue
+        chosen.append(course)
         found.append((cost, Alternative(kept, route if by_length else replace(route, cost=cost), shared)))
         if len(found) == most:
             break
     return [other for _, other in sorted(found, key=lambda each: each[0])]
+
+
+def _by_length(params: EnvParams, instance: Instance) -> EnvParams:
+    """The environment as ``shortest-path`` sees it at the departure: metres are all that counts, and nobody waits."""
+    length = metres_at(params, params.futures.hour[0], instance.departure[0])
+    metres = WeightedObjective(time=0.0, distance=1.0)
+    return replace(params, network=replace(params.network, length=length), objective=metres, waits=NoWaits())
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from sidestep.environment.crossing import as_expected, cross, crossings
 from sidestep.environment.types import EnvParams
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.planners.base import Planner
-from sidestep.planners.shortest_path import ShortestPath
+from sidestep.planners.shortest_path import ShortestPath, metres_at
 from sidestep.planners.time_dependent import earliest_arrivals, leaving, steps_in_slot
 from sidestep.routing.located import Located, OnSegments
 from sidestep.scenarios.futures import make_environment
@@ -99,8 +99,9 @@ def _paths_from(
     network, future = params.network, jnp.int32(0)
     wait, speeds = params.wait_in(future), params.futures.speeds
     if by_length:
+        length = metres_at(params, params.futures.hour[future], departure)
         label, via = earliest_arrivals(
-            network, lambda segment, metres: metres + network.length[segment], origin, jnp.float32(0)
+            network, lambda segment, metres: metres + length[segment], origin, jnp.float32(0)
         )
     elif params.objective.needs_density:
         field = speeds.of(future)
