@@ -222,6 +222,22 @@ def test_when_to_set_out(hours) -> None:
     assert line.get_xdata().tolist() == [0, 20, 40]
 
 
+def test_walks_that_outlast_the_crowds() -> None:
+    router = Router(scenario("paper-congested", side=3, crowded_nodes=1))
+    late = 24 * 60 - 1
+    for ask, field in (
+        (lambda: router.plan(0, 1, depart=late), "depart"),
+        (lambda: router.when(0, 1, depart=late, until=late, futures=1), "depart"),
+        (lambda: router.when(0, 1, depart=late - 300, until=late, step=300, futures=1), "until"),
+        (lambda: router.isochrone(0, minutes=[0.5, 5], depart=late), "depart"),
+        (lambda: router.matrix([0, 1], depart=late), "depart"),
+    ):
+        with pytest.raises(SidestepError) as caught:
+            ask()
+        assert caught.value.field == field
+    assert router.isochrone(0, minutes=[0.5], depart=late).areas[0].nodes == 1
+
+
 @pytest.mark.parametrize(
     ("method", "given", "field"),
     [

@@ -220,8 +220,26 @@ def spread(
     return {
         "median_minutes": float(np.median(minutes)),
         "p90_minutes": float(np.quantile(minutes, 0.9)),
-        "arrive_by": None if by is None else float((arrived & (minutes <= by) & (minutes < horizon)).mean()),
+        "arrive_by": None if by is None else float(in_time(minutes, arrived, by, horizon).mean()),
     }
+
+
+def in_time(
+    minutes: Float[np.ndarray, "*walks"], arrived: Bool[np.ndarray, "*walks"], by: float, horizon: float
+) -> Bool[np.ndarray, "*walks"]:
+    """Say which walks arrive within some minutes.
+
+    Parameters
+    ----------
+    minutes, arrived, by, horizon
+        As for :func:`spread`.
+
+    Returns
+    -------
+    Bool[np.ndarray, "*walks"]
+        Whether each is in time.
+    """
+    return arrived & (minutes <= by) & (minutes < horizon)
 
 
 def percent(share: float, digits: int = 1) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from sidestep.evaluation.metrics import in_time
 from sidestep.planners.base import Planner
 from sidestep.routing.facts import End, SceneFacts
 from sidestep.routing.formats import table
@@ -56,8 +57,7 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
         return departing.walk(planner, departing.params.futures.count, MINUTE * minutes)
 
     def sure(minutes: float) -> bool:
-        found = walks(minutes)
-        return bool((_in_time(located, found) & (found.minutes <= minutes)).mean() >= confidence)
+        return bool(_in_time(located, walks(minutes), minutes).mean() >= confidence)
 
     before = 0
     while not sure(after := min(before + step, most)):
@@ -74,9 +74,9 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
     return replace(plan, deadline=located.facts.departs, confidence=confidence)
 
 
-def _in_time(located: Located, walks: Walks) -> Bool[np.ndarray, " future"]:
-    """Which walks arrive before the horizon: later ones count as the horizon, and might seem to be there by then."""
-    return walks.arrived & (walks.minutes * MINUTE < located.scenario.horizon)
+def _in_time(located: Located, walks: Walks, by: float = math.inf) -> Bool[np.ndarray, " future"]:
+    """Which walks arrive within some minutes, and before the horizon."""
+    return in_time(walks.minutes, walks.arrived, by, located.scenario.horizon / MINUTE)
 
 
 def _too_late(located: Located, confidence: float, walks: Walks, earliest: float) -> str:
@@ -191,7 +191,8 @@ def departure_window(located: Located, planner: Planner, step: float | None, fut
     Raises
     ------
     RouteError
-        A window that ends before it begins (field ``until``), or too many departures (``step``).
+        A window that ends before it begins, or so late that crowds are not known (field ``until``, or ``depart`` where
+        the first departure is too late); too many departures (``step``).
     """
     seconds = located.scenario.slot_seconds if step is None else MINUTE * step
     if located.latest < located.clock:
@@ -205,6 +206,7 @@ def departure_window(located: Located, planner: Planner, step: float | None, fut
     for turn in range(number):
         departing = walker.departing(located.clock + turn * seconds)
         route = departing.expected_route(planner)
+        departing.located.check_covered(route.seconds, "until" if turn else "depart")
         walks = departing.walk(planner, departing.params.futures.count, route.seconds)
         facts = departing.located.facts
         rows.append(

@@ -134,7 +134,8 @@ def isochrone(located: Located, planner: Planner, minutes: Sequence[float], futu
     Raises
     ------
     RouteError
-        Minutes that are none, or more than the horizon (field ``minutes``).
+        Minutes that are none, or more than the horizon (field ``minutes``); a departure so late that the crowds of
+        these minutes are not known (``depart``).
     """
     most = located.scenario.horizon / MINUTE
     for each in minutes:
@@ -143,6 +144,7 @@ def isochrone(located: Located, planner: Planner, minutes: Sequence[float], futu
             raise RouteError(f"walks are given up after {most:g} minutes; ask for fewer than {each:g}", field="minutes")
     if not minutes:
         raise RouteError("give at least one number of minutes", field="minutes")
+    located.check_covered(MINUTE * max(minutes))
     paths = Paths(located, planner, futures)
     reach, limits = paths.reach(located.ends[0].node), sorted(set(minutes))
     shares = paths.shares[-2:]  # without the expected crowds where futures are asked about

@@ -18,6 +18,7 @@ from sidestep.planners.shortest_path import ShortestPath
 from sidestep.routing.clocks import Clock
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.facts import End, SceneFacts, StreetMap
+from sidestep.routing.request import RouteError
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Scenario
 from sidestep.walking.speed_laws import FREE_SPEED
@@ -106,6 +107,26 @@ class Located:
     def departing(self, clock: float) -> Self:
         """The same with another departure, in seconds since the scenario's start."""
         return replace(self, clock=clock, facts=replace(self.facts, **self.start.facts(clock)))
+
+    def check_covered(self, seconds: float, field: str = "depart") -> None:
+        """Refuse departures from which a walk goes on beyond the crowds that are known.
+
+        Parameters
+        ----------
+        seconds
+            What the walk takes.
+        field
+            The parameter at fault.
+
+        Raises
+        ------
+        RouteError
+            With the parameter as its field.
+        """
+        covered = self.scenario.slots * self.scenario.slot_seconds
+        if self.clock + seconds > covered and self.clock > self.scenario.departures[1]:
+            known = f"crowds are known for {covered / 60:g} minutes, but a walk that departs at {self.clock / 60:g}"
+            raise RouteError(f"{known} takes {seconds / 60:.0f}; depart earlier", field=field)
 
     def pieces(self) -> Int[np.ndarray, "segment 3"]:
         """Name each segment so that both directions of a street, or of a piece of it, have the same name."""

@@ -126,6 +126,11 @@ def time_matrix(located: Located, planner: Planner, origins: int, *, square: boo
     -------
     TimeMatrix
         One search for each origin finds all of its row.
+
+    Raises
+    ------
+    RouteError
+        A departure so late that the crowds of the walks are not known (field ``depart``).
     """
     tos = slice(origins) if square else slice(origins, None)
     paths, ends = Paths(located, planner, futures), [end.node for end in located.ends[tos]]
@@ -134,6 +139,8 @@ def time_matrix(located: Located, planner: Planner, origins: int, *, square: boo
         reach = paths.reach(origin.node, ends)
         for share in paths.shares:
             rows[share].append(reach.seconds[share][ends])
+    walked = np.stack(rows[None])
+    located.check_covered(float(np.max(walked, initial=0.0, where=np.isfinite(walked))))
     found = {name: minutes_or_none(np.stack(rows[share])) for share, name in NAMES.items() if share in rows}
     return TimeMatrix(
         **vars(located.facts),

@@ -21,7 +21,7 @@ from sidestep.routing.alternatives import alternatives
 from sidestep.routing.directions import Leg, crowding_word, mean_density, opening_word
 from sidestep.routing.located import Located
 from sidestep.routing.plan import BaselineTimes, RoutePlan, WalkTimes
-from sidestep.routing.request import RouteError, RouteRequest
+from sidestep.routing.request import RouteRequest
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
 
@@ -58,7 +58,7 @@ def planned(walker: "Walker", request: RouteRequest, within: float | None = None
     by = request.by if within is None else within
     route = walker.expected_route(planner)
     if request.arrive_by is None:
-        _check_covered(located, route)
+        located.check_covered(route.seconds)
     walks = walker.walk(planner, count, route.seconds)
     baselines = {
         other.name: walker.walk(other, located.futures_of(other, count), route.seconds).against(walks)
@@ -79,14 +79,6 @@ def planned(walker: "Walker", request: RouteRequest, within: float | None = None
         for other in others
     ]
     return replace(plan, alternatives=tuple(described), asked_alternatives=request.alternatives)
-
-
-def _check_covered(located: Located, route: Route) -> None:
-    scenario, departure = located.scenario, located.clock
-    covered = scenario.slots * scenario.slot_seconds
-    if departure + route.seconds > covered and departure > scenario.departures[1]:
-        known = f"crowds are known for {covered / 60:g} minutes, but a walk that departs at {departure / 60:g}"
-        raise RouteError(f"{known} takes {route.seconds / 60:.0f}; depart earlier", field="depart")
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +131,6 @@ class Walker:
     def __init__(self, located: Located, planner: Planner, futures: int | None = None) -> None:
         scenario, here = located.scenario, located.scenario_map
         self.located, self.planner, self.key = located, planner, purpose_key(here, "test")
-        self._ends = located.ends
         observed = {each.observes for each in (planner, *located.baselines)}
         self.params = make_environment(
             scenario,
@@ -259,7 +250,7 @@ class Walker:
 
     def instances(self, count: int) -> Instance:
         """The walk that was asked for in the first ``count`` futures."""
-        origin, destination = (jnp.full(count, end.node, jnp.int32) for end in self._ends[:2])
+        origin, destination = (jnp.full(count, end.node, jnp.int32) for end in self.located.ends)
         departure = jnp.full(count, self.located.clock, jnp.float32)
         return Instance(origin, destination, departure, jnp.arange(count, dtype=jnp.int32))
 
