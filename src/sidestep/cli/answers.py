@@ -78,7 +78,7 @@ class Searched(Given):
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Place:
+class MapChoice:
     """Which of a scenario's maps, and what is changed there."""
 
     index: options.MapNumber = 0
@@ -97,7 +97,7 @@ class Place:
         return Router(found, model=model, seed=self.seed, index=self.index)
 
 
-PLANNED, SEARCHED, FIRST_MAP = Planned(), Searched(), Place()
+PLANNED, SEARCHED, FIRST_MAP = Planned(), Searched(), MapChoice()
 
 
 def check_output(output: str, out: Path | None, *, as_json: bool) -> None:

@@ -24,7 +24,7 @@ def when(
     model: answers.Model = None,
     output: Annotated[Literal["text", "png"], Parameter(name="--format")] = "text",
     out: answers.OutFile = None,
-    place: answers.Place = answers.FIRST_MAP,
+    chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
 ) -> None:
     """Find the best departure from --depart to --until: how long the walk takes, half of the time and 90 % of it.
@@ -38,10 +38,10 @@ def when(
     output
         What is printed, or written to --out.
     """
-    place.check()
+    chosen.check()
     answers.check_output(output, out, as_json=as_json)
     options.start_jax()
-    found = place.router(scenario, model).when(origin, destination, until=until, step=step, **vars(given))
+    found = chosen.router(scenario, model).when(origin, destination, until=until, step=step, **vars(given))
     answers.show(found, "draw_departures", output, out, as_json=as_json)
 
 
@@ -54,7 +54,7 @@ def isochrone(
     given: answers.Searched = answers.SEARCHED,
     output: Annotated[Literal["text", "geojson", "png"], Parameter(name="--format")] = "text",
     out: answers.OutFile = None,
-    place: answers.Place = answers.FIRST_MAP,
+    chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
 ) -> None:
     """Show how far one gets in some minutes, as areas in towns and as nodes on grids.
@@ -69,7 +69,7 @@ def isochrone(
     SidestepError
         Minutes that are no numbers.
     """
-    place.check()
+    chosen.check()
     answers.check_output(output, out, as_json=as_json)
     try:
         limits = [float(each) for each in minutes.split(",")]
@@ -77,7 +77,7 @@ def isochrone(
         said = "--minutes must be numbers with commas between them, such as 5,10,15"
         raise SidestepError(f"{said}, not {minutes!r:.60}", field="minutes") from error
     options.start_jax()
-    found = place.router(scenario).isochrone(origin, minutes=limits, **vars(given))
+    found = chosen.router(scenario).isochrone(origin, minutes=limits, **vars(given))
     answers.show(found, "draw_isochrone", output, out, as_json=as_json)
 
 
@@ -92,7 +92,7 @@ def matrix(
     given: answers.Searched = answers.SEARCHED,
     output: Annotated[Literal["text", "csv", "png"], Parameter(name="--format")] = "text",
     out: answers.OutFile = None,
-    place: answers.Place = answers.FIRST_MAP,
+    chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
 ) -> None:
     """Say how long the walks from many places to many others take.
@@ -110,7 +110,7 @@ def matrix(
     output
         What is printed, or written to --out.
     """
-    place.check()
+    chosen.check()
     answers.check_output(output, out, as_json=as_json)
     options.start_jax()
     from sidestep.routing.places import AskedPlace, read_places
@@ -120,7 +120,7 @@ def matrix(
         *(destination or []),
         *([] if destinations is None else read_places("destinations", destinations)),
     ]
-    found = place.router(scenario).matrix(froms, tos or None, **vars(given))
+    found = chosen.router(scenario).matrix(froms, tos or None, **vars(given))
     answers.show(found, "draw_matrix", output, out, as_json=as_json)
 
 
@@ -132,7 +132,7 @@ def crowds(
     live: answers.Live = None,
     output: Annotated[Literal["text", "geojson", "png"], Parameter(name="--format")] = "text",
     out: answers.OutFile = None,
-    place: answers.Place = answers.FIRST_MAP,
+    chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
 ) -> None:
     """Show how crowded the streets are expected to be.
@@ -144,8 +144,8 @@ def crowds(
     output
         What is printed, or written to --out.
     """
-    place.check()
+    chosen.check()
     answers.check_output(output, out, as_json=as_json)
     options.start_jax()
-    found = place.router(scenario).crowds(at, live=live)
+    found = chosen.router(scenario).crowds(at, live=live)
     answers.show(found, "draw_crowds", output, out, as_json=as_json)

@@ -21,7 +21,7 @@ def route(
     alternatives: options.Whole = 0,
     output: Annotated[Literal["text", "geojson", "gpx", "png"], Parameter(name="--format")] = "text",
     out: answers.OutFile = None,
-    place: answers.Place = answers.FIRST_MAP,
+    chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
 ) -> None:
     """Plan one route, and say how long it may take. Routes are searched for unless a model is given.
@@ -37,7 +37,7 @@ def route(
     output
         What is printed, or written to --out.
     """
-    place.check()
+    chosen.check()
     answers.check_output(output, out, as_json=as_json)
     options.start_jax()
     from sidestep.routing.request import RouteRequest, read_departure, read_place
@@ -55,5 +55,5 @@ def route(
         arrive_by=read_departure(arrive_by, "arrive_by"),
         confidence=confidence,
     )
-    plan = place.router(scenario, model).answer(request)
+    plan = chosen.router(scenario, model).answer(request)
     answers.show(plan, "draw_route", output, out, as_json=as_json)

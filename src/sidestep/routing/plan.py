@@ -191,9 +191,9 @@ class RoutePlan(RequestFacts, WalkTimes):
 
     def _properties(self) -> dict[str, Any]:
         """What GeoJSON says of the whole route."""
-        elsewhere = {"attribution", "crowds", "synthetic", "origin", "destination", "legs", "nodes", "minutes"}
-        elsewhere.add("avoided_area")
-        return {name: value for name, value in self.to_json().items() if name not in {*elsewhere, "alternatives"}}
+        elsewhere = {"attribution", "crowds", "synthetic", "origin", "destination", "avoided_area"}
+        elsewhere |= {"legs", "nodes", "minutes", "alternatives"}
+        return {name: value for name, value in self.to_json().items() if name not in elsewhere}
 
     def to_gpx(self) -> str:
         """GPX 1.1: a route of the turns and a track of the whole course, and the same for each alternative.

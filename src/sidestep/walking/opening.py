@@ -1,8 +1,8 @@
 """Waiting before streets that are shut at times, such as parks at night, until they open.
 
 The clock at entry decides: who comes in time walks to the end. Who begins a walk in the middle of a street waits there:
-nobody knows where along it the gate is. Nobody who comes later leaves earlier (FIFO), since
-everybody who waits leaves as the street opens. Waits are exact to the second: opening times are known by the minute.
+nobody knows where along it the gate is. Nobody who comes later leaves earlier (FIFO), since everybody who waits leaves
+as the street opens. Waits are exact to the second: opening times are known by the minute.
 """
 
 from collections.abc import Sequence
