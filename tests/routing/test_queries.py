@@ -222,6 +222,14 @@ def test_when_to_set_out(hours) -> None:
     assert line.get_xdata().tolist() == [0, 20, 40]
 
 
+def test_windows_that_outlast_a_table(hours) -> None:
+    router = Router(hours())  # from noon to two o'clock
+    for given in ({"depart": "12:30", "until": "14:00"}, {"depart": "13:00"}):  # the last is at 15:00
+        with pytest.raises(SidestepError) as caught:
+            router.when(0, 1, **given)
+        assert caught.value.field == "until"
+
+
 def test_walks_that_outlast_the_crowds() -> None:
     router = Router(scenario("paper-congested", side=3, crowded_nodes=1))
     late = 24 * 60 - 1

@@ -236,10 +236,28 @@ def town_clock(venue: Venue, flow: FlowModel, depart: Departure | None, field: s
     first_day = min(venue.days)
     hour, date = (usual, None) if depart is None else time_given(depart, first_day, field, venue.timezone)
     clock = TownClock(hour, first_day, date, timezone=venue.timezone)
-    if not flow.covers(hour):
-        when = clock.facts(0.0)["departs"]
-        raise RouteError(f"{source} covers {flow.coverage}, but {called(field)} is {when}", field=field)
+    check_known(venue, flow, clock, field)
     return clock
+
+
+def check_known(venue: Venue, flow: FlowModel, clock: TownClock, field: str) -> None:
+    """Refuse a clock 0 of which crowds know nothing.
+
+    Parameters
+    ----------
+    venue, flow
+        The place, and its crowds.
+    clock, field
+        The clock, and the parameter that it is of.
+
+    Raises
+    ------
+    RouteError
+        With the parameter as its field.
+    """
+    if not flow.covers(clock.hour):
+        source, when = Path(venue.crowd_source.file).name, clock.facts(0.0)["departs"]
+        raise RouteError(f"{source} covers {flow.coverage}, but {called(field)} is {when}", field=field)
 
 
 def covered_before(clock: TownClock, flow: FlowModel, scenario: Scenario) -> float:

@@ -14,7 +14,7 @@ from sidestep.network.graph import ABSENT
 from sidestep.network.polygons import read_polygons
 from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
 from sidestep.planners.shortest_path import distances_to
-from sidestep.routing.clocks import GridClock, TownClock, covered_before, town_clock
+from sidestep.routing.clocks import GridClock, TownClock, check_known, covered_before, town_clock
 from sidestep.routing.facts import SceneFacts
 from sidestep.routing.located import Located, LocatedInTown, NodeEnd
 from sidestep.routing.places import AskedPlace
@@ -197,6 +197,7 @@ class TownLocator:
         before = covered_before(departs, self._map.flow, self._scenario) if given.lookback else 0.0
         start = departs.earlier(before)
         latest = before + (given.window if given.until is None else departs.clock(given.until, "until"))
+        check_known(self._venue, self._map.flow, start.earlier(-latest), "until")
         streets, ends, avoided = self._on_streets(asked, given.avoid)
         here, counted = self._with_counts(self._map.on_pieces(streets), given, start)
         facts = SceneFacts(
