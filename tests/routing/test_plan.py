@@ -227,6 +227,11 @@ def test_gpx_has_all_routes(plan) -> None:
     assert points == [4, 4, 4]
 
 
+def test_as_long_is_neither_longer_nor_shorter(plan) -> None:
+    baseline = replace(plan.baselines["snapshot"], futures=3, mean_difference_minutes=-0.04)
+    assert "on average as long as the route (in these:" in replace(plan, baselines={"snapshot": baseline}).to_text()
+
+
 def test_fewer_futures_are_compared_with_the_same_of_the_plan(plan) -> None:
     baseline = plan.baselines["snapshot"]
     assert baseline.plan_median_minutes == pytest.approx(plan.median_minutes, rel=1e-4)

@@ -86,7 +86,9 @@ def _too_late(located: Located, confidence: float, walks: Walks, earliest: float
     sets_out = located.departing(earliest).facts.departs
     said = f"no departure from {sets_out} on arrives by {located.facts.departs} with probability {confidence:g}"
     if not math.isfinite(surely):
-        return f"{said}, nor later; choose a lower confidence"
+        horizon = located.scenario.horizon / MINUTE
+        share = f"{100 * np.isfinite(minutes).mean():.0f} % of the walks at that departure"
+        return f"{said}; {share} arrive within the horizon of {horizon:g} min"
     arrives = located.departing(MINUTE * math.ceil(earliest / MINUTE + surely)).facts.departs
     return f"{said}; the earliest arrival is {arrives}"
 

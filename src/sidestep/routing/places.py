@@ -61,8 +61,9 @@ def read_places(field: str, given: Places) -> list[AskedPlace]:
         The parameter that they are of: ``origins`` or ``destinations``.
     given
         Places as :func:`~sidestep.routing.request.read_place` takes them. A file has one place a line, a node or
-        latitude and longitude with a comma between them. After a second comma the place may have a name (a node then
-        has nothing between both commas). Empty lines, lines that begin with #, and a heading are ignored.
+        latitude and longitude with a comma between them. After a second comma the place may have a name, in quotes if
+        it has commas; a node then has nothing between both. Further cells, empty lines, lines that begin with #, and a
+        heading are ignored.
 
     Returns
     -------
@@ -90,9 +91,10 @@ def read_places(field: str, given: Places) -> list[AskedPlace]:
 def _lines(field: str, file: Path, text: str) -> Iterator[AskedPlace]:
     for number, line in enumerate(text.splitlines(), start=1):
         try:
-            words = [word.strip() for word in next(csv.reader([line], skipinitialspace=True), [])]
+            first, *others = next(csv.reader([line], skipinitialspace=True), None) or [""]
         except csv.Error as error:
             raise RouteError(f"line {number}: {error}", field=field, line=number) from error
+        words = [word.strip() for word in (*first.split(","), *others)]
         heading = number == 1 and words[0].lower() in ("lat", "latitude", "node")
         if heading or not any(words) or line.lstrip().startswith("#"):
             continue

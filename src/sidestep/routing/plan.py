@@ -309,11 +309,14 @@ class RoutePlan(RequestFacts, WalkTimes):
         futures = "the same futures" if baseline.futures == self.futures else f"the first {baseline.futures} of them"
         more, met = baseline.mean_difference_minutes, baseline.mean_difference_exposure
         crowd = "" if met is None else f", {abs(met):,.0f} person·s/m² {'more' if met >= 0 else 'less'} met"
-        longer = f"on average {abs(more):.1f} min {'longer' if more >= 0 else 'shorter'}{crowd}"
+        minutes = f"{abs(more):.1f}"
+        longer, than = f"{minutes} min {'longer' if more >= 0 else 'shorter'}", "than"
+        if float(minutes) == 0:
+            longer, than = "as long", "as"
         if baseline.futures != self.futures:  # other futures, other times: those of the route above do not compare
             there = f"median {baseline.plan_median_minutes:.1f} min, 90 % within {baseline.plan_p90_minutes:.1f} min"
-            longer = f"{longer} than the route (in these: {there})"
-        return f"{name} in {futures}: {baseline.in_words()}; {longer}"
+            longer = f"{longer} {than} the route (in these: {there})"
+        return f"{name} in {futures}: {baseline.in_words()}; on average {longer}{crowd}"
 
 
 def _joined(parts: Sequence[Sequence[T]]) -> list[T]:
