@@ -2,6 +2,7 @@
 
 import pytest
 
+from sidestep.network.meanings import meanings
 from sidestep.network.tags import (
     FULL_WIDTH,
     KINDS,
@@ -75,6 +76,55 @@ def test_ways_that_are_walked(said: str) -> None:
 )
 def test_ways_that_are_not_walked(said: str, why: str) -> None:
     assert why in (exclusion_reason(tags(said)) or "")
+
+
+BY_FOOT = [
+    "highway=residential motorroad=yes",
+    "highway=primary motorroad=yes sidewalk=both",
+    "highway=trunk",
+    "highway=trunk_link sidewalk=no",
+    "highway=busway",
+    "highway=cycleway",
+    "highway=bridleway",
+    "highway=primary sidewalk=no",
+    "highway=secondary_link sidewalk:both=none",
+]
+"""Ways that are closed unless ``foot`` lets people walk."""
+
+
+@pytest.mark.parametrize("way", BY_FOOT)
+@pytest.mark.parametrize(
+    ("foot", "walked"),
+    [
+        ("", []),
+        ("access=yes", []),
+        ("foot=unheard-of", []),
+        ("foot:conditional=no@22:00-06:00", []),
+        ("access:conditional=yes@06:00-22:00", []),
+        ("foot=yes", [(0, "")]),
+        ("foot:forward=yes", [(1, "")]),
+        ("foot:conditional=yes@06:00-22:00", [(0, "06:00-22:00")]),
+        ("access=yes foot:conditional=yes@06:00-22:00", [(0, "06:00-22:00")]),
+        ("foot=yes foot:conditional=no@22:00-06:00", [(0, "06:00-22:00")]),
+        ("foot=yes opening_hours=06:00-22:00", [(0, "06:00-22:00")]),
+        ("foot:backward:conditional=yes@06:00-22:00", [(-1, "06:00-22:00")]),
+    ],
+)
+def test_ways_that_are_closed_unless_foot_opens_them(way: str, foot: str, walked: list[tuple[int, str]]) -> None:
+    every = tags(f"{way} {foot}".strip())
+    assert (exclusion_reason(every) is None) == bool(walked)
+    assert [(side, right.opening) for side, right in directions(every)] == walked
+    assert meanings(WIDTHS)(every).walked == tuple(directions(every))
+
+
+def test_a_restricted_way_is_so_at_the_hours_at_which_foot_opens_it() -> None:
+    ((_, right),) = directions(tags("highway=trunk foot:conditional=destination@06:00-22:00"))
+    assert (right.opening, right.restricted) == ("06:00-22:00", True)
+
+
+def test_areas_are_closed_unless_foot_opens_them() -> None:
+    square = meanings(WIDTHS)(tags("highway=cycleway area=yes foot:conditional=yes@06:00-22:00"))
+    assert square.right.opening == "06:00-22:00"
 
 
 @pytest.mark.parametrize(

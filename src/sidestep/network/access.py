@@ -60,8 +60,6 @@ class Access:
     """Opening times as `sidestep.network.opening_hours.opening_text` writes them; "" always, "off" never."""
     restricted: bool = False
     """Whether it is only for those whose walk begins or ends there."""
-    by_foot: bool = False
-    """Whether a tag about walkers lets them in, at some hours at least."""
     notes: tuple[str, ...] = ()
     """What was ignored or contradictory, as reports have it."""
 
@@ -69,7 +67,7 @@ class Access:
 _ALWAYS = Access()
 
 
-def access(tags: Tags, direction: str = "") -> Access:
+def access(tags: Tags, direction: str = "", *, by_foot: bool = False) -> Access:
     """Tell who may walk, and when.
 
     Values that nobody knows and conditions that cannot be read are ignored, with a note.
@@ -80,18 +78,21 @@ def access(tags: Tags, direction: str = "") -> Access:
         Tags of a way or node.
     direction
         "forward" or "backward" for one direction of a way, as it is drawn.
+    by_foot
+        Whether it is closed to walkers unless tags about them let them in; then ``access`` does not count.
 
     Returns
     -------
     Access
-        What the tags say; open to everybody where they say nothing.
+        What the tags say; where they say nothing, open to everybody, or closed if ``by_foot``.
     """
-    rules = tuple((key, tags[key]) for key in _KEYS[direction] if key in tags)
-    if not rules:
+    keys = (key for key in _KEYS[direction] if not (by_foot and key.startswith("access")))
+    rules = tuple((key, tags[key]) for key in keys if key in tags)
+    if not rules and not by_foot:
         return _ALWAYS
     if "opening_hours" in tags and not _NOT_OF_THE_WAY.isdisjoint(tags):
         rules = tuple(rule for rule in rules if rule[0] != "opening_hours")
-    return evaluate(rules)
+    return evaluate(rules, Right.CLOSED if by_foot else Right.OPEN)
 
 
 @lru_cache(maxsize=4096)  # a town repeats the same few
@@ -112,22 +113,19 @@ def evaluate(rules: tuple[tuple[str, str], ...], begin: Right = Right.OPEN) -> A
     """
     right = np.full(WEEK, begin, np.int8)
     notes: list[str] = []
-    by_foot = False
     for key, value in rules:
         if key == "opening_hours":
             right = _within_hours(right, value, notes)
             continue
         if key.endswith(":conditional"):
-            right, best = _under_conditions(right, value, notes)
-        else:
-            best = _meaning(value, notes)
-            right = right if best is None else np.full(WEEK, best, np.int8)
-        by_foot |= key.startswith("foot") and best is not None and best > Right.CLOSED
+            right = _under_conditions(right, value, notes)
+        elif (best := _meaning(value, notes)) is not None:
+            right = np.full(WEEK, best, np.int8)
     public, anyone = right == Right.OPEN, right > Right.CLOSED
     if public.any() and (public != anyone).any():
         notes.append("restricted at some hours, taken as closed then")
     restricted = not public.any() and bool(anyone.any())
-    return Access(opening_text(anyone if restricted else public), restricted, by_foot, tuple(sorted(set(notes))))
+    return Access(opening_text(anyone if restricted else public), restricted, tuple(sorted(set(notes))))
 
 
 def both(one: Access, other: Access) -> Access:
@@ -160,21 +158,16 @@ def _meaning(value: str, notes: list[str]) -> Right | None:
     return max(rights, default=None)
 
 
-def _under_conditions(
-    right: Int8[np.ndarray, " minute"], text: str, notes: list[str]
-) -> tuple[Int8[np.ndarray, " minute"], Right | None]:
-    """Apply a conditional value; give the most open value that it holds at any time."""
-    values: list[Right] = []
+def _under_conditions(right: Int8[np.ndarray, " minute"], text: str, notes: list[str]) -> Int8[np.ndarray, " minute"]:
     if names_special_days(text):
         notes.append("rules for holidays or dates ignored")
     for value, minutes in conditional_values(text) or [("", None)]:
         then = None if minutes is None else _meaning(value, notes)
         if minutes is None or then is None:
             notes.append("conditional access not understood")
-        elif minutes.any():
-            values.append(then)
+        else:
             right = np.where(minutes, then, right).astype(np.int8)
-    return right, max(values, default=None)
+    return right
 
 
 def _within_hours(right: Int8[np.ndarray, " minute"], text: str, notes: list[str]) -> Int8[np.ndarray, " minute"]:

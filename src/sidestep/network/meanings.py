@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from sidestep.network import measures, tags
-from sidestep.network.access import Access, Tags, access
+from sidestep.network.access import Access, Tags
 from sidestep.network.obstacles import kerb_height
 
 _NAMES = ("name", "is_sidepath:of:name")
@@ -76,7 +76,7 @@ def _meaning(tagged: Tags, widths: Mapping[str, float]) -> Meaning:
     return Meaning(
         kind=kind,
         walked=tuple(tags.directions(tagged)),
-        right=access(tagged),
+        right=tags.right_of_way(tagged),
         excluded=tags.exclusion_reason(tagged),
         area=tags.is_area(tagged, closed=True),
         width=width,

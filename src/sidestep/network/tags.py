@@ -75,6 +75,38 @@ def way_kind(tags: Tags) -> str | None:
     return FERRY if tags.get("route") == "ferry" else None
 
 
+def right_of_way(tags: Tags, direction: str = "") -> Access:
+    """Tell who may walk on a way, and when.
+
+    Motor roads, kinds that are walked only where a tag says so, and busy roads without a pavement are open when
+    ``foot`` lets people walk, and at no other time.
+
+    Parameters
+    ----------
+    tags
+        Tags of the way, with its kind as ``highway``.
+    direction
+        "forward" or "backward" for one direction, as it is drawn.
+
+    Returns
+    -------
+    Access
+        What the tags say.
+    """
+    return access(tags, direction, by_foot=_why_by_foot(tags) is not None)
+
+
+def _why_by_foot(tags: Tags) -> str | None:
+    """Why a way is closed unless ``foot`` lets people walk, as reports have it; None for others."""
+    kind, sides = tags["highway"], pavements(tags)
+    reasons = (
+        ("way: motor road", tags.get("motorroad") == "yes"),
+        ("way: not tagged as walkable", kind in _NEED_A_TAG and "yes" not in sides),
+        ("way: no pavement", kind in _NEED_PAVEMENT and sides == ("no", "no")),
+    )
+    return next((reason for reason, applies in reasons if applies), None)
+
+
 def exclusion_reason(tags: Tags) -> str | None:
     """Tell why a way is not walked.
 
@@ -92,18 +124,16 @@ def exclusion_reason(tags: Tags) -> str | None:
         The reason, as reports have it; None for a way that is walked.
     """
     kind, foot, sides = tags["highway"], tags.get("foot"), pavements(tags)
-    rights = [access(tags, way) for way in ("forward", "backward")]
-    allowed = any(right.by_foot for right in rights)
+    plain, rights = ([say(tags, way) for way in ("forward", "backward")] for say in (access, right_of_way))
+    needs_foot = _why_by_foot(tags)
     elsewhere = "separate" in sides and set(sides) <= {"separate", "no"}
     reasons = (
         ("way: ferry", kind == FERRY),
         ("way: not a walkable kind", kind not in WIDTHS),
         ("way: pavements mapped separately", foot == "use_sidepath"),
-        ("way: no access", all(right.opening == NEVER for right in rights)),
-        ("way: motor road", tags.get("motorroad") == "yes" and not allowed),
-        ("way: not tagged as walkable", kind in _NEED_A_TAG and not allowed and "yes" not in sides),
+        ("way: no access", all(right.opening == NEVER for right in plain)),
+        (needs_foot or "", needs_foot is not None and all(right.opening == NEVER for right in rights)),
         ("way: pavements mapped separately", kind in _ROADS and elsewhere),
-        ("way: no pavement", kind in _NEED_PAVEMENT and not allowed and sides == ("no", "no")),
         ("way: contradicting directions", not directions(tags)),
     )
     return next((reason for reason, applies in reasons if applies), None)
@@ -131,7 +161,7 @@ def directions(tags: Tags) -> list[tuple[int, Access]]:
     if value is None and tags["highway"] in ("footway", "steps", "corridor") and tags.get("bicycle") not in _CYCLING:
         value = tags.get("oneway")
     only = {"yes": 1, "true": 1, "1": 1, "-1": -1, "reverse": -1}.get(value or "", 0)
-    forward, backward = access(tags, "forward"), access(tags, "backward")
+    forward, backward = right_of_way(tags, "forward"), right_of_way(tags, "backward")
     walked = [(1, forward)] * (only >= 0) + [(-1, backward)] * (only <= 0)
     if only == 0 and forward == backward:
         walked = [(0, forward)]
