@@ -404,6 +404,14 @@ def test_columns_that_are_left_out_are_said(read: Read) -> None:
         ({"sensor": "b"}, "count"),
         ({"time": "a"}, "a"),
         ({"timezone": "Europe/Helsinky"}, "timezone"),
+        ({"time": "time+a"}, "time"),
+        ({"time": "time + b", "sensor": "a"}, "time"),
+        ({"date": "time+a", "hour": "b"}, "date"),
+        ({"date": "time", "hour": "a+b"}, "hour"),
+        ({"sensor": "a+b"}, "sensor"),
+        ({"sensor": "a", "direction": "a+b"}, "direction"),
+        ({"latitude": "a+b", "longitude": "a"}, "latitude"),
+        ({"latitude": "a", "longitude": "a+b"}, "longitude"),
     ],
 )
 def test_columns_that_do_not_exist(read: Read, layout: dict[str, Any], field: str) -> None:
@@ -411,6 +419,10 @@ def test_columns_that_do_not_exist(read: Read, layout: dict[str, Any], field: st
         read(rows("time,a,b", ["2024-03-04T00,1,2"]), **layout)
     assert caught.value.field == field
     assert "\n" not in str(caught.value)
+
+
+def test_a_name_may_have_a_plus_in_it(read: Read) -> None:
+    assert series(read(rows("time + date,a", [f"2024-03-04T{hour:02},1" for hour in FIVE]), time="time + date"))
 
 
 @pytest.mark.parametrize(

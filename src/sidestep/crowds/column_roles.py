@@ -27,7 +27,7 @@ from sidestep.crowds.column_names import (
     plain,
 )
 from sidestep.crowds.dates import holds
-from sidestep.crowds.layouts import Layout
+from sidestep.crowds.layouts import SEVERAL, Layout
 from sidestep.crowds.sheets import Sheet
 
 _MOST_LISTED = 12  # names in one sentence
@@ -139,7 +139,13 @@ def roles_of(sheet: Sheet, layout: Layout) -> Roles:
 
 
 def _check_named(sheet: Sheet, layout: Layout) -> dict[str, tuple[str, ...]]:
-    """The columns that are named, by what they are for; names with + between them are several columns."""
+    """The columns that are named, by what they are for; names of counts with + between them are several columns."""
+    for key, names in layout.named.items():
+        for name in names:
+            if key not in SEVERAL and name not in sheet.names and len(_summed(name)) > 1:
+                hint = "; a date and a time of day that stand apart are date=… and hour=…" if key == "time" else ""
+                said = f"{key} must be one column, not {quoted(name)}: + sums columns of counts only{hint}"
+                raise sheet.error(f"{sheet.source}: {said}", field=key)
     found = {
         key: tuple(part for name in names for part in ((name,) if name in sheet.names else _summed(name)))
         for key, names in layout.named.items()

@@ -61,6 +61,8 @@ class Layout:
 RECOGNISED = Layout()
 COLUMNS = tuple(field.name for field in fields(Layout) if field.name not in ("date_format", "decimal", "timezone"))
 """The fields that name columns."""
+SEVERAL = ("count", "ignore")
+"""Those of them that may name several."""
 
 
 def read_columns(options: Iterable[str]) -> dict[str, str | tuple[str, ...]]:
@@ -89,5 +91,5 @@ def read_columns(options: Iterable[str]) -> dict[str, str | tuple[str, ...]]:
             if not (equals and name) or key not in COLUMNS or key in found:
                 said = f"--columns must be {'=…, '.join(COLUMNS)}=…, each once at most, such as time=When,sensor=Where"
                 raise SidestepError(f"{said},count=In+Out, not {part.strip()!r:.80}", field="columns")
-            found[key] = (name,) if key in ("count", "ignore") else name
+            found[key] = (name,) if key in SEVERAL else name
     return found

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from sidestep.crowds.counts import AUCKLAND_TIMEZONE, TEST, TRAIN, CountsError, CountTable, Period
-from sidestep.crowds.layouts import RECOGNISED, Layout
+from sidestep.crowds.layouts import RECOGNISED, SEVERAL, Layout
 from sidestep.crowds.wall_time import timezone_of
 from sidestep.files import OutputError, reason
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, HELSINKI_TIMEZONE
@@ -228,7 +228,7 @@ def _with_layout(text: str, layout: Layout) -> str:
     """Say in the text of a scenario file what counts do not say themselves, in place of the examples in comments."""
     table = "[place.crowd_source.columns]"
     said: dict[str, object] = {name: value for name in ("date_format", "decimal") if (value := getattr(layout, name))}
-    said |= {name: names if name in ("count", "ignore") else names[0] for name, names in layout.named.items()}
+    said |= {name: names if name in SEVERAL else names[0] for name, names in layout.named.items()}
     for name, value in said.items():
         line = f"{name} = {json.dumps(value, ensure_ascii=False)}"
         text = re.sub(rf"(?m)^# {name} = .*$", lambda _, line=line: line, text, count=1)  # type: ignore[misc]
