@@ -151,6 +151,25 @@ def test_a_scenario_of_own_counts_begins_with_its_weeks(streets: Path, counts: P
         begin(str(streets), str(counts))
 
 
+def test_latitudes_and_longitudes_that_are_swapped(tmp_path: Path) -> None:
+    times = np.datetime64("2024-01-03T00:00") + np.arange(9 * 168) * np.timedelta64(1, "h")
+    rows = [f"{time},Quay,{hour % 24},{{}}" for hour, time in enumerate(times)]
+    text = "\n".join(["time,sensor,count,latitude,longitude", *rows, ""])
+    file, counts = tmp_path / "scenario.toml", tmp_path / "c.csv"
+    days = "fitted = [2024-01-03, 2024-02-12]\ntested = [2024-02-12, 2024-03-04]\n"
+    file.write_text(f'[place]\nstreets = "helsinki"\n[place.crowd_source]\nfile = "c.csv"\n{days}')
+    counts.write_text(text.replace("{}", "24.94,60.17"))
+    with pytest.raises(CountsError) as caught:
+        begin("helsinki", str(counts))
+    assert caught.value.field == "latitude"
+    with pytest.raises(ScenarioError) as wrong:
+        load_scenario(file)
+    assert (wrong.value.field, wrong.value.line) == ("place.crowd_source.file", 4)
+    for place, standing in (("60.17,24.94", 1), ("-36.845,174.766", 0)):
+        counts.write_text(text.replace("{}", place))
+        assert begin("helsinki", str(counts)).standing == standing
+
+
 @pytest.mark.parametrize(
     ("layout", "field"),
     [

@@ -87,6 +87,21 @@ class Snapper:
         fraction = float(along) / max(line.length, 1e-12)  # two crossings may be at the same place
         return StreetPoint(street, fraction, float(distance), (latitude, longitude))
 
+    def is_swapped(self, latitude: float, longitude: float) -> bool:
+        """Tell whether a place that is not in this town is, with latitude and longitude the other way round.
+
+        Parameters
+        ----------
+        latitude, longitude
+            Degrees.
+
+        Returns
+        -------
+        bool
+            Whether both must be exchanged.
+        """
+        return bool(self._if_swapped(latitude, longitude, FARTHEST))
+
     def _if_swapped(self, latitude: float, longitude: float, farthest: float) -> str:
         """What to say where latitude and longitude are the wrong way round; "" where they are not."""
         if not (-90 <= longitude <= 90 and -180 <= latitude <= 180):

@@ -4,9 +4,9 @@ This is the one place that tells counters and tables apart.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from reprlib import repr as quoted
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.count_files import positions_path
-from sidestep.crowds.counts import AUCKLAND_SOURCE, CountTable, load_auckland, read_counts
+from sidestep.crowds.counts import AUCKLAND_SOURCE, CountsError, CountTable, load_auckland, read_counts
 from sidestep.crowds.crowd_table import CrowdTable as TableData
 from sidestep.crowds.crowd_table import load_crowd_table
 from sidestep.crowds.interpolation import interpolation_weights
@@ -47,29 +47,40 @@ def counts_of(counts: str, layout: Layout = RECOGNISED) -> CountTable:
     return load_auckland() if counts == "auckland" else read_counts(counts, layout)
 
 
-def standing_sensors(table: CountTable, town: Town) -> tuple[Sensor, ...]:
+def standing_sensors(table: CountTable, snapper: Snapper) -> tuple[Sensor, ...]:
     """The sensors of a table that stand in a town, where the table knows it.
 
     Parameters
     ----------
     table
         Counts; of Auckland's, only sensors whose cameras were not exchanged are taken.
-    town
+    snapper
         The streets.
 
     Returns
     -------
     tuple[Sensor, ...]
         With their places; none if their positions are not known.
+
+    Raises
+    ------
+    CountsError
+        Latitudes and longitudes that are swapped (field ``latitude``).
     """
     if table.positions is None:
         return ()
     lasting = {sensor.name for sensor in AUCKLAND_SENSORS} if table.source == AUCKLAND_SOURCE else set(table.sensors)
-    found, snapper = [], Snapper(town)
+    found = []
     for name, (latitude, longitude) in zip(table.sensors, table.positions.tolist(), strict=True):
         if name in lasting:
-            with suppress(TownError):
+            try:
                 snapper.nearest(latitude, longitude)
+            except TownError:
+                if snapper.is_swapped(latitude, longitude):
+                    where = f"{latitude:g}, {longitude:g} is not in this town, but {longitude:g}, {latitude:g} is"
+                    said = f"latitude and longitude of the sensor {quoted(name)} are swapped: {where}"
+                    raise CountsError(f"{table.source}: {said}; exchange them", field="latitude") from None
+            else:
                 found.append(Sensor(name=name, place=(latitude, longitude)))
     return tuple(found)
 
@@ -136,6 +147,8 @@ def check_crowds(venue: Venue, snapper: Snapper, attempt: Callable[..., Any]) ->
         case Counters() as source:
             table = attempt(("crowd_source", "file"), counts_of, source.file, venue.layout)
             if table is not None:
+                if not source.sensors and source.streets_per_sensor == 1:
+                    attempt(("crowd_source", "file"), standing_sensors, table, snapper)
                 for name in ("fitted", "tested"):
                     attempt(("crowd_source", name), table.between, *getattr(source, name))
                 for sensor in source.sensors:

@@ -292,6 +292,7 @@ def _with_sensors(found: Scenario) -> Scenario:
     """
     match found.place:
         case Venue(crowd_source=Counters(sensors=()) as source) as venue:
+            from sidestep.network.snapping import Snapper
             from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
             from sidestep.scenarios.streets import town_of
 
@@ -299,7 +300,7 @@ def _with_sensors(found: Scenario) -> Scenario:
             room = max(town.streets // source.streets_per_sensor, 1)
             sensors = AUCKLAND_SENSORS[:room] if source.file == "auckland" else ()
             if source.streets_per_sensor == 1:
-                sensors = standing_sensors(counts_of(source.file, venue.layout), town) or sensors
+                sensors = standing_sensors(counts_of(source.file, venue.layout), Snapper(town)) or sensors
             return found.changed(sensors=sensors)
         case _:
             return found

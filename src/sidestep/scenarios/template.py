@@ -67,13 +67,15 @@ def begin(streets: str, counts: str, layout: Layout = RECOGNISED) -> Beginning:
     Raises
     ------
     SidestepError
-        Files that cannot be read, an unknown timezone, fewer than six weeks of counts.
+        Files that cannot be read, an unknown timezone, fewer than six weeks of counts, places of sensors whose latitude
+        and longitude are swapped.
     """
     timezone = layout.timezone
     if counts == "auckland":
         layout.check_needed()
     if Beginning(streets, counts, timezone or HELSINKI_TIMEZONE) == Beginning():
         return Beginning()  # without a look at what comes with the package
+    from sidestep.network.snapping import Snapper
     from sidestep.scenarios.crowd_sources import counts_of, standing_sensors
     from sidestep.scenarios.streets import town_of
 
@@ -82,7 +84,7 @@ def begin(streets: str, counts: str, layout: Layout = RECOGNISED) -> Beginning:
     if given is not None:
         timezone_of(given)  # refused where it is not known
     table, town = counts_of(counts, layout), town_of(streets)
-    standing = standing_sensors(table, town)
+    standing = standing_sensors(table, Snapper(town))
     every = AUCKLAND_SENSORS if counts == "auckland" else tuple(Sensor(name=name) for name in table.sensors)
     fitted, tested = (TRAIN, TEST) if counts == "auckland" else _periods(table)
     home = AUCKLAND_TIMEZONE if counts == "auckland" and standing else given
