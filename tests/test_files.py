@@ -5,7 +5,24 @@ from pathlib import Path
 
 import pytest
 
-from sidestep.files import OutputError, cached_by_files, write_text
+from sidestep.files import OutputError, cached_by_files, check_apart, write_text
+
+
+@pytest.mark.parametrize("name", ["read", "./made/../read", "link", "hard", "folder/inside"])
+def test_files_that_are_read_are_not_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("made", "folder"):
+        Path(folder).mkdir()
+        Path(folder, "inside").touch()
+    Path("read").touch()
+    Path("link").symlink_to("read")
+    Path("hard").hardlink_to("read")
+    read = (None, "none", "a\0b", "read", Path("folder"))
+    with pytest.raises(OutputError) as caught:
+        check_apart(Path(name), read)
+    assert caught.value.field == "out"
+    for other in ("made/inside", "none", "folder/none", "none/read"):
+        check_apart(Path(other), read)
 
 
 def test_results_are_kept_while_files_stay_as_they_are(tmp_path: Path) -> None:

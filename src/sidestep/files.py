@@ -4,7 +4,7 @@ import os
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache, wraps
 from pathlib import Path
@@ -33,6 +33,36 @@ def output_folder(path: Path) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write to the output folder {path}: {reason(error)}") from error
     return path
+
+
+def check_apart(out: Path, read: Iterable[str | Path | None]) -> None:
+    """Refuse to write to a file that is read, whatever name it goes by.
+
+    Parameters
+    ----------
+    out
+        The file to write to.
+    read
+        Files that are read, and folders of such; None and names of files that do not exist count for nothing.
+
+    Raises
+    ------
+    OutputError
+        One of them, also as a link (field ``out``).
+    """
+    for each in (Path(name) for name in read if name is not None):
+        for file in each.iterdir() if each.is_dir() else (each,):
+            if _same(out, file):
+                raise OutputError(
+                    f"--out must be another file than {file}, which is read and stays as it is", field="out"
+                )
+
+
+def _same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except (OSError, ValueError):  # ValueError: a name with a null character
+        return False
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sidestep.crowds.count_files import positions_path, save_counts
+from sidestep.crowds.count_files import check_out, positions_path, save_counts
 from sidestep.crowds.counts import CountsError, CountTable, read_counts
 from sidestep.files import OutputError
 
@@ -21,6 +21,34 @@ def counts(tmp_path: Path) -> Path:
 def beside(counts: Path, text: str) -> CountTable:
     positions_path(counts).write_text(text)
     return read_counts(counts)
+
+
+@pytest.mark.parametrize(
+    ("read", "out"),
+    [
+        ("c.csv", "c.csv"),
+        ("c.csv", "c.positions.csv"),
+        ("c.csv", "new.positions.csv"),
+        ("c.csv", "new.Positions.CSV"),
+        (None, "new.positions.csv"),
+        ("c.csv", "c.txt"),
+        ("c.csv", "link.csv"),
+        ("c.csv", "other.csv"),  # whose positions are a link to those that are read
+        ("c.positions.csv", "c.csv"),  # its positions would be written over what is read
+    ],
+)
+def test_counts_are_not_written_over_what_is_read(
+    counts: Path, monkeypatch: pytest.MonkeyPatch, read: str | None, out: str
+) -> None:
+    monkeypatch.chdir(counts.parent)
+    positions_path(counts).touch()
+    Path("link.csv").symlink_to("c.csv")
+    Path("other.positions.csv").hardlink_to("c.positions.csv")
+    given = None if read is None else Path(read)
+    with pytest.raises(OutputError) as caught:
+        check_out(Path(out), given)
+    assert caught.value.field == "out"
+    check_out(Path("new.csv"), given)
 
 
 def test_positions_stand_beside_the_counts(counts: Path) -> None:

@@ -1,6 +1,7 @@
 """The commands `when`, `isochrone`, `matrix` and `crowds`, and what is new in `route`, as users call them."""
 
 import json
+from importlib import resources
 
 import pytest
 
@@ -15,13 +16,37 @@ def test_files_and_pictures(sidestep, tmp_path) -> None:
     }
     for command, words in asked.items():
         picture, shapes = tmp_path / f"{command}.png", tmp_path / f"made/{command}.geojson"
-        for output, file in (("png", picture), ("geojson", shapes)):
-            done = sidestep(command, "helsinki", *words, "--format", output, "--out", file)
+        for file in (picture, shapes):
+            done = sidestep(command, "helsinki", *words, "--out", file)
             assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
         assert picture.read_bytes().startswith(b"\x89PNG")
         found = json.loads(shapes.read_text("utf-8"))
         assert (found["type"], found["attribution"][:1]) == ("FeatureCollection", "©")
         assert json.loads(sidestep(command, "helsinki", *words, "--json").stdout)["scenario"] == "helsinki"
+
+
+def test_what_is_read_is_never_written_to(sidestep, tmp_path) -> None:
+    town = resources.files("sidestep.network") / "helsinki.npz"
+    (tmp_path / "town.npz").write_bytes(town.read_bytes())
+    (tmp_path / "x.toml").write_text('[place]\nstreets = "town.npz"\ntimezone = "Europe/Helsinki"\n')
+    for name in ("avoid", "live", "places"):
+        (tmp_path / name).write_text(f"{FROM}\n{TO}\n")
+    (tmp_path / "link").symlink_to("town.npz")
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    ends = ("--from", FROM, "--to", TO)
+    for command, words, outs in (
+        ("route", (*ends, "--avoid", "avoid", "--live", "live"), ("x.toml", "town.npz", "link", "avoid", "live")),
+        ("when", (*ends, "--avoid", "avoid", "--live", "live"), ("x.toml", "avoid", "live")),
+        ("isochrone", ("--from", FROM, "--avoid", "avoid", "--live", "live"), ("town.npz", "avoid", "live")),
+        ("crowds", ("--live", "live"), ("x.toml", "live")),
+        ("matrix", ("--origins", "places", "--avoid", "avoid"), ("x.toml", "avoid", "places")),
+        ("matrix", ("--from", "5", "--destinations", "places"), ("places",)),
+    ):
+        for out in outs:
+            done = sidestep(command, "x.toml", *words, "--out", out, cwd=tmp_path)
+            assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+            assert "--out" in done.stderr
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 def test_many_walks(sidestep, tmp_path) -> None:
@@ -64,6 +89,9 @@ def test_a_deadline(sidestep) -> None:
         "isochrone helsinki --planner darp",
         "isochrone paper-congested --format geojson",
         "crowds paper-congested --format png --out x.png",
+        "crowds paper-congested --out x.png",
+        "crowds helsinki --format png --out crowds.pdf",
+        "matrix helsinki --from 5 --to 7 --out m.gpx",
         "crowds helsinki --at 2025-05-24",
         "matrix helsinki",
         "matrix helsinki --origins none.csv",

@@ -66,7 +66,9 @@ def test_where_crowds_come_from() -> None:
     assert Venue(crowd_source=TABLE).attribution == "table crowds.npz"
     assert Grid().attribution == ""
     assert Venue(streets="a.npz", crowd_source=TABLE).files == ("a.npz", "there/crowds.npz")
-    assert Grid().files == ()
+    counted = Venue(streets="a.npz", crowd_source=Counters(file="c.csv"))
+    assert counted.files == ("a.npz", "c.csv", "c.positions.csv")
+    assert Venue().files == Grid().files == ()
 
 
 def test_what_moves_the_crowds_and_how_they_are_known() -> None:

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from cyclopts import Parameter
 
@@ -89,37 +89,80 @@ class MapChoice:
         """Refuse numbers below their least value."""
         options.check_least(seed=self.seed, map=self.index)
 
-    def router(self, scenario: str, model: Path | None = None) -> "Router":
-        """The router of a scenario with these options applied."""
+    def router(self, scenario: str, out: Path | None, *read: Path | None, model: Path | None = None) -> "Router":
+        """The router of a scenario with these options applied.
+
+        Parameters
+        ----------
+        scenario
+            Its name or file.
+        out
+            The file to write to, which must be none of those that are read.
+        *read
+            Files that are read beside the scenario's.
+        model
+            Folder of a trained model.
+
+        Returns
+        -------
+        Router
+            With the scenario's streets and crowds.
+        """
+        from sidestep.files import check_apart
         from sidestep.routing.router import Router
+        from sidestep.scenarios.reader import files_of
 
         found = options.read_scenario(scenario, self.changes)
+        if out is not None:
+            check_apart(out, (*files_of(scenario, found), *read, model))
         return Router(found, model=model, seed=self.seed, index=self.index)
 
 
 PLANNED, SEARCHED, FIRST_MAP = Planned(), Searched(), MapChoice()
 
 
-def check_output(output: str, out: Path | None, *, as_json: bool) -> None:
-    """Refuse options for output that exclude each other.
+ENDINGS = {".png": "png", ".geojson": "geojson", ".json": "json", ".gpx": "gpx", ".csv": "csv"}
+"""Formats by the endings of their files."""
+_OTHERS = (".bmp", ".gif", ".html", ".jpeg", ".jpg", ".kml", ".pdf", ".svg", ".tif", ".tiff", ".webp", ".xlsx")
+"""Endings of formats that no answer has."""
+
+
+def choose_format(output: str | None, out: Path | None, formats: Any, *, as_json: bool) -> str:
+    """Choose the format of an answer, which is that of the file's ending where no option says it.
 
     Parameters
     ----------
     output, out, as_json
         The options ``--format``, ``--out`` and ``--json``.
+    formats
+        The values of ``--format``, as a ``Literal``.
+
+    Returns
+    -------
+    str
+        One of them, or "json"; "text" where nothing says another.
 
     Raises
     ------
     SidestepError
-        With the option at fault as its field.
+        Options that exclude each other, also an ending of another format; with the option at fault as its field.
     """
-    if output == "png" and out is None:
-        raise SidestepError("--format png needs --out, the file for the picture", field="out")
-    if as_json and output != "text":
+    if as_json and output not in (None, "text"):
         raise SidestepError(f"--json and --format {output} exclude each other", field="format")
+    ending = "" if out is None else out.suffix.lower()
+    said = ENDINGS.get(ending)
+    known = ("json", *get_args(formats))
+    chosen = "json" if as_json else output or (said if said and said in known else "text")
+    of_another = said not in (None, chosen) and (said, chosen) != ("json", "geojson")  # GeoJSON is JSON
+    if of_another or ending in _OTHERS:
+        rule = f"--out {out} must not end in {ending}, which is no file of {chosen}"
+        raise SidestepError(f"{rule}; answers are {', '.join(known)}", field="out")
+    if chosen == "png" and out is None:
+        raise SidestepError("--format png needs --out, the file for the picture", field="out")
+    return chosen
 
 
-def show(answer: Any, draw: str, output: str, out: Path | None, *, as_json: bool) -> None:
+def show(answer: Any, draw: str, output: str, out: Path | None) -> None:
     """Print an answer, or write it to a file.
 
     Parameters
@@ -128,8 +171,8 @@ def show(answer: Any, draw: str, output: str, out: Path | None, *, as_json: bool
         An object with a method ``to_…`` for each format but pictures.
     draw
         Name of the function of :mod:`sidestep.plotting` that draws it.
-    output, out, as_json
-        The options ``--format``, ``--out`` and ``--json``.
+    output, out
+        The format, and the option ``--out``.
     """
     from sidestep.files import output_folder, write_text
 
@@ -140,11 +183,11 @@ def show(answer: Any, draw: str, output: str, out: Path | None, *, as_json: bool
 
         plotting.save(getattr(plotting, draw)(answer), out)
         return
-    writer: Callable[[], Any] = getattr(answer, f"to_{'json' if as_json else output}")
+    writer: Callable[[], Any] = getattr(answer, f"to_{output}")
     shown = writer()
     if not isinstance(shown, str):
         shown = json.dumps(shown, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    if out is None and output == "text" and not as_json:
+    if out is None and output == "text":
         print_text(shown)
     elif out is None:
         print(shown, end="")

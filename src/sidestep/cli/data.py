@@ -73,21 +73,13 @@ def counts(
 
 
 def clean_counts(file: Path | None, layout: "Layout", out: Path, *, as_json: bool) -> None:
-    """Write counts as they were understood and repaired, and say how.
-
-    Raises
-    ------
-    SidestepError
-        The file itself as the file to write to.
-    """
-    from sidestep.crowds.count_files import check_suffix, positions_path, save_counts
+    """Write counts as they were understood and repaired, and say how."""
+    from sidestep.crowds.count_files import check_out, positions_path, save_counts
     from sidestep.crowds.counts import load_auckland, read_counts
     from sidestep.crowds.summary import report_counts
     from sidestep.files import output_folder
 
-    check_suffix(out)
-    if file is not None and out.exists() and out.samefile(file):
-        raise SidestepError(f"--out must be another file than {file}, which stays as it was published", field="out")
+    check_out(out, file)
     table = load_auckland() if file is None else read_counts(file, layout)
     output_folder(out.parent)
     save_counts(table, out)
@@ -129,11 +121,12 @@ def import_counts(
     options.check_minutes(slot=slot)
     options.start_jax()
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
-    from sidestep.files import output_folder
+    from sidestep.files import check_apart, output_folder
     from sidestep.scenarios.streets import town_of
     from sidestep.scenarios.table_crowds import import_table
 
     check_suffix(out)
+    check_apart(out, (table, network))
     seconds = None if slot is None else 60 * slot
     crowds, report = import_table(table, town_of(network), slot_seconds=seconds, law=law)
     output_folder(out.parent)
@@ -170,11 +163,12 @@ def import_osm(
     attribution
         Whose the streets are, and under which licence; whatever is made of them says so.
     """
-    from sidestep.files import output_folder
+    from sidestep.files import check_apart, output_folder
     from sidestep.network.formats import check_suffix, save_town
     from sidestep.network.osm import import_osm as read
 
     check_suffix(out)
+    check_apart(out, (file,))
     widths = dict(_width(option) for option in width or [])
     output_folder(out.parent)
     town, report = read(file, merge=merge, widths=widths, attribution=attribution)

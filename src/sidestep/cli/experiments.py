@@ -113,10 +113,12 @@ def trade_off(
     steps = [_weight(weight) for weight in weights.split(",")]
     options.start_jax()
     from sidestep.experiments.trade_off import trade_off as run
-    from sidestep.files import output_folder
+    from sidestep.files import check_apart, output_folder
     from sidestep.plotting import save, trade_off_curve
+    from sidestep.scenarios.reader import files_of
 
     problem, names = options.read_scenario(scenario, changes), options.names_in(planners)
+    check_apart(out, files_of(scenario, problem))
     output_folder(out.parent)
     with progress("weighing", len(steps), 1, "weights") as advance:
         found = run(

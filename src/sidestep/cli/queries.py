@@ -10,6 +10,10 @@ from sidestep.errors import SidestepError
 
 Minutes = Annotated[str, Parameter(help="Minutes of walking, with commas between them.")]
 Several = Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())]
+_Departures = Literal["text", "png"]
+_Isochrones = Literal["text", "geojson", "png"]
+_Matrices = Literal["text", "csv", "png"]
+_Crowds = Literal["text", "geojson", "png"]
 
 
 def when(
@@ -22,7 +26,7 @@ def when(
     until: answers.Hyphened = None,
     step: float | None = None,
     model: answers.Model = None,
-    output: Annotated[Literal["text", "png"], Parameter(name="--format")] = "text",
+    output: Annotated[_Departures | None, Parameter(name="--format")] = None,
     out: answers.OutFile = None,
     chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
@@ -36,13 +40,15 @@ def when(
     step
         Minutes between departures; by default one slot of the scenario, usually 5.
     output
-        What is printed, or written to --out.
+        What is printed, or written to --out; by default as the ending of --out says, or text.
     """
     chosen.check()
-    answers.check_output(output, out, as_json=as_json)
+    written = answers.choose_format(output, out, _Departures, as_json=as_json)
     options.start_jax()
-    found = chosen.router(scenario, model).when(origin, destination, until=until, step=step, **vars(given))
-    answers.show(found, "draw_departures", output, out, as_json=as_json)
+    found = chosen.router(scenario, out, given.live, given.avoid, model=model).when(
+        origin, destination, until=until, step=step, **vars(given)
+    )
+    answers.show(found, "draw_departures", written, out)
 
 
 def isochrone(
@@ -52,7 +58,7 @@ def isochrone(
     origin: answers.Origin = None,
     minutes: Minutes = "5,10,15",
     given: answers.Searched = answers.SEARCHED,
-    output: Annotated[Literal["text", "geojson", "png"], Parameter(name="--format")] = "text",
+    output: Annotated[_Isochrones | None, Parameter(name="--format")] = None,
     out: answers.OutFile = None,
     chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
@@ -62,7 +68,7 @@ def isochrone(
     Parameters
     ----------
     output
-        What is printed, or written to --out.
+        What is printed, or written to --out; by default as the ending of --out says, or text.
 
     Raises
     ------
@@ -70,15 +76,15 @@ def isochrone(
         Minutes that are no numbers.
     """
     chosen.check()
-    answers.check_output(output, out, as_json=as_json)
+    written = answers.choose_format(output, out, _Isochrones, as_json=as_json)
     try:
         limits = [float(each) for each in minutes.split(",")]
     except ValueError as error:
         said = "--minutes must be numbers with commas between them, such as 5,10,15"
         raise SidestepError(f"{said}, not {minutes!r:.60}", field="minutes") from error
     options.start_jax()
-    found = chosen.router(scenario).isochrone(origin, minutes=limits, **vars(given))
-    answers.show(found, "draw_isochrone", output, out, as_json=as_json)
+    found = chosen.router(scenario, out, given.live, given.avoid).isochrone(origin, minutes=limits, **vars(given))
+    answers.show(found, "draw_isochrone", written, out)
 
 
 def matrix(
@@ -90,7 +96,7 @@ def matrix(
     origins: Path | None = None,
     destinations: Path | None = None,
     given: answers.Searched = answers.SEARCHED,
-    output: Annotated[Literal["text", "csv", "png"], Parameter(name="--format")] = "text",
+    output: Annotated[_Matrices | None, Parameter(name="--format")] = None,
     out: answers.OutFile = None,
     chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
@@ -108,10 +114,10 @@ def matrix(
     destinations
         File with more of them, one a line.
     output
-        What is printed, or written to --out.
+        What is printed, or written to --out; by default as the ending of --out says, or text.
     """
     chosen.check()
-    answers.check_output(output, out, as_json=as_json)
+    written = answers.choose_format(output, out, _Matrices, as_json=as_json)
     options.start_jax()
     from sidestep.routing.places import AskedPlace, read_places
 
@@ -120,8 +126,10 @@ def matrix(
         *(destination or []),
         *([] if destinations is None else read_places("destinations", destinations)),
     ]
-    found = chosen.router(scenario).matrix(froms, tos or None, **vars(given))
-    answers.show(found, "draw_matrix", output, out, as_json=as_json)
+    found = chosen.router(scenario, out, given.live, given.avoid, origins, destinations).matrix(
+        froms, tos or None, **vars(given)
+    )
+    answers.show(found, "draw_matrix", written, out)
 
 
 def crowds(
@@ -130,7 +138,7 @@ def crowds(
     *,
     at: answers.Hyphened = None,
     live: answers.Live = None,
-    output: Annotated[Literal["text", "geojson", "png"], Parameter(name="--format")] = "text",
+    output: Annotated[_Crowds | None, Parameter(name="--format")] = None,
     out: answers.OutFile = None,
     chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
@@ -142,10 +150,10 @@ def crowds(
     at
         In towns local time, such as 2025-05-24T12:30, Sat 12:30 or 12:30; on grids minutes after the start.
     output
-        What is printed, or written to --out.
+        What is printed, or written to --out; by default as the ending of --out says, or text.
     """
     chosen.check()
-    answers.check_output(output, out, as_json=as_json)
+    written = answers.choose_format(output, out, _Crowds, as_json=as_json)
     options.start_jax()
-    found = chosen.router(scenario).crowds(at, live=live)
-    answers.show(found, "draw_crowds", output, out, as_json=as_json)
+    found = chosen.router(scenario, out, live).crowds(at, live=live)
+    answers.show(found, "draw_crowds", written, out)

@@ -6,6 +6,8 @@ from cyclopts import Parameter
 
 from sidestep.cli import answers, options
 
+_Routes = Literal["text", "geojson", "gpx", "png"]
+
 
 def route(
     scenario: options.ScenarioOption,
@@ -19,7 +21,7 @@ def route(
     arrive_by: answers.Hyphened = None,
     confidence: float | None = None,
     alternatives: options.Whole = 0,
-    output: Annotated[Literal["text", "geojson", "gpx", "png"], Parameter(name="--format")] = "text",
+    output: Annotated[_Routes | None, Parameter(name="--format")] = None,
     out: answers.OutFile = None,
     chosen: answers.MapChoice = answers.FIRST_MAP,
     as_json: options.Json = False,
@@ -35,10 +37,10 @@ def route(
     alternatives
         The most other routes to show, each different enough and not much worse.
     output
-        What is printed, or written to --out.
+        What is printed, or written to --out; by default as the ending of --out says, or text.
     """
     chosen.check()
-    answers.check_output(output, out, as_json=as_json)
+    written = answers.choose_format(output, out, _Routes, as_json=as_json)
     options.start_jax()
     from sidestep.routing.request import RouteRequest, read_departure, read_place
 
@@ -55,5 +57,5 @@ def route(
         arrive_by=read_departure(arrive_by, "arrive_by"),
         confidence=confidence,
     )
-    plan = chosen.router(scenario, model).answer(request)
-    answers.show(plan, "draw_route", output, out, as_json=as_json)
+    plan = chosen.router(scenario, out, given.live, given.avoid, model=model).answer(request)
+    answers.show(plan, "draw_route", written, out)

@@ -13,19 +13,19 @@ from sidestep.crowds.column_roles import Roles, place_in, roles_of
 from sidestep.crowds.layouts import RECOGNISED
 from sidestep.crowds.sheets import Cells, Sheet, open_sheet
 from sidestep.errors import SidestepError
-from sidestep.files import OutputError, whole_file
+from sidestep.files import OutputError, check_apart, whole_file
 
 if TYPE_CHECKING:
     from sidestep.crowds.counts import CountTable
 
-SUFFIX = ".csv"
+SUFFIX, POSITIONS = ".csv", ".positions.csv"
 SAME_PLACE = 0.001
 """Degrees within which a sensor stands in one place, about 100 m."""
 
 
 def positions_path(path: Path) -> Path:
     """The file beside a file of counts that has the positions of its sensors: NAME.positions.csv beside NAME.csv."""
-    return path.with_name(f"{path.stem}.positions.csv")
+    return path.with_name(f"{path.stem}{POSITIONS}")
 
 
 def positions_beside(
@@ -159,7 +159,8 @@ def save_counts(table: "CountTable", path: Path) -> None:
     Raises
     ------
     OutputError
-        Another ending; a place that cannot be written to; a file of positions beside it, if these counts have none.
+        Another ending, or that of positions; a place that cannot be written to; a file of positions beside it, if these
+        counts have none.
     """
     check_suffix(path)
     beside = positions_path(path)
@@ -200,7 +201,30 @@ def _are_columns(sensors: tuple[str, ...]) -> bool:
         return False
 
 
+def check_out(path: Path, read: Path | None) -> None:
+    """Refuse to write counts over those that are read, or over the positions of their sensors.
+
+    Parameters
+    ----------
+    path
+        The file for the counts; positions may be written beside it.
+    read
+        The file that is read; None for the counts that come with the package.
+
+    Raises
+    ------
+    OutputError
+        Such a file, or a name that no counts may have (field ``out``).
+    """
+    check_suffix(path)
+    if read is not None:
+        for out in (path, positions_path(path)):
+            check_apart(out, (read, positions_path(read)))
+
+
 def check_suffix(path: Path) -> None:
-    """Refuse a name for counts that does not end in .csv."""
+    """Refuse a name for counts that does not end in .csv, or is one for positions."""
+    if path.name.lower().endswith(POSITIONS):
+        raise OutputError(f"{path}: names that end in {POSITIONS} are for positions; give counts another", field="out")
     if path.suffix.lower() != SUFFIX:
         raise OutputError(f"{path}: give counts a name that ends in {SUFFIX}", field="out")

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from sidestep.crowds.count_files import positions_path
 from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.crowds.layouts import Layout
 from sidestep.network.grid import LENGTHS
@@ -177,6 +178,11 @@ class Counters(Spec):
         return Layout(**columns, date_format=self.date_format, decimal=self.decimal, timezone=timezone)
 
     @property
+    def files(self) -> tuple[str, ...]:
+        """The counts, and where their sensors stand."""
+        return () if self.file == "auckland" else (self.file, str(positions_path(Path(self.file))))
+
+    @property
     def attribution(self) -> str:
         """Whose counts they are."""
         known = {"auckland": "Auckland's counts (Heart of the City Auckland, CC BY 4.0)"}
@@ -211,6 +217,11 @@ class CrowdTable(Spec):
     def certain(self) -> bool:
         """Whether all futures are alike."""
         return self.noise[1] == 0
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The table."""
+        return (self.file,)
 
     @property
     def attribution(self) -> str:
@@ -301,7 +312,7 @@ class Venue(Spec):
     @property
     def files(self) -> tuple[str, ...]:
         """Where streets and crowds come from; those that come with the package are no files."""
-        return self.streets, self.crowd_source.file
+        return (*(() if self.streets == "helsinki" else (self.streets,)), *self.crowd_source.files)
 
     @property
     def crowd_model(self) -> str:

@@ -226,6 +226,24 @@ def find_scenario(
     return found.changed(**changes)
 
 
+def files_of(name_or_file: str, found: Scenario) -> tuple[str, ...]:
+    """The files behind a scenario, as :func:`find_scenario` found it: its own, and those that it names.
+
+    Parameters
+    ----------
+    name_or_file
+        How it was called.
+    found
+        What was found.
+
+    Returns
+    -------
+    tuple[str, ...]
+        None of those that come with the package.
+    """
+    return (*(() if name_or_file in BUILT_IN else (name_or_file,)), *found.place.files)
+
+
 def load_scenario(path: str | Path) -> Scenario:
     r"""Read a scenario file, and make sure that its streets, counts, sensors and places exist.
 
