@@ -127,6 +127,24 @@ def test_bad_input_is_one_sentence(run, folder: Path, text: str, args: tuple[str
     assert not (folder / "bad.npz").exists()
 
 
+def test_what_is_read_is_never_written_to(run, sidestep, folder: Path) -> None:
+    (folder / "s.toml").write_text(
+        '[place]\nstreets = "town.npz"\ndays = "Sat"\nhours = [12, 15]\n'
+        '[place.crowd_source]\nkind = "crowd_table"\nfile = "made.npz"\n'
+    )
+    (folder / "link.npz").hardlink_to(folder / "town.npz")
+    (folder / "curve.png").symlink_to(folder / "s.toml")
+    before = {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}
+    asked = [
+        run("crowds.csv", "--out", "town.npz"),
+        run("crowds.csv", "--out", "link.npz"),
+        sidestep("crowds", "s.toml", "--out", "made.npz", cwd=folder),
+        sidestep("trade-off", "s.toml", "--out", "curve.png", cwd=folder),
+    ]
+    assert [(done.returncode, "--out" in done.stderr, done.stdout) for done in asked] == [(2, True, "")] * 4
+    assert {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
+
+
 def at_table(folder: Path, file: str = "made.npz", **changes: object) -> Scenario:
     venue = Venue(
         streets=str(folder / "town.npz"), crowd_source=CrowdTable(file=str(folder / file)), days=(5,), hours=(12, 15)
