@@ -169,6 +169,8 @@ def test_one_waits_once_for_each_street(venue, make_town) -> None:
         assert (plan.expected_minutes, plan.arrival_rate) == (pytest.approx(far[1], abs=0.01), 1)
         minutes = router.plan(first, 3, depart="Sun 05:50").expected_minutes
         assert minutes == pytest.approx(10 + far[1], abs=0.01)
+    found = router.matrix([first], [3], depart="Sun 05:50", futures=2)
+    assert found.minutes == found.p50 == found.p90 == [[pytest.approx(10 + far[1], abs=0.01)]]
     # Reach is measured on both pieces of the street.
     area, _ = router.isochrone(first, minutes=[5, 12.5], depart="Sun 05:50").areas
     assert area.kilometres == 0
