@@ -1,7 +1,7 @@
 """How crowded the streets are expected to be at some time."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from sidestep.crowds.base import FlowModel
 from sidestep.network.graph import RoadNetwork
 from sidestep.routing.directions import CROWDING, crowding_word, street_label
-from sidestep.routing.facts import SceneFacts, StreetMap, collection
+from sidestep.routing.facts import SceneFacts, StreetMap, collection, without_map
 from sidestep.routing.formats import feature, table
 from sidestep.routing.located import Located
 from sidestep.routing.request import on_map
@@ -68,7 +68,7 @@ class StreetCrowds(SceneFacts):
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the map, ready for ``json.dumps``."""
-        return {name: value for name, value in asdict(replace(self, map=None)).items() if name != "map"}
+        return without_map(self, "map")
 
     def to_geojson(self) -> dict[str, Any]:
         """A GeoJSON feature collection (RFC 7946): a line for each street.

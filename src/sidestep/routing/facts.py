@@ -1,7 +1,7 @@
 """What is known of a request before anything is planned."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -132,6 +132,27 @@ class RequestFacts(SceneFacts):
 
     confidence: float | None = None
     """The least share of the futures in which the walk arrives by then."""
+
+
+def without_map(answer: SceneFacts, picture: str) -> dict[str, Any]:
+    """All that an answer says but its map, ready for ``json.dumps``.
+
+    Parameters
+    ----------
+    answer
+        A dataclass.
+    picture
+        Name of the field that pictures need.
+
+    Returns
+    -------
+    dict
+        The other fields.
+    """
+    empty: dict[str, Any] = {picture: None}  # a town would be copied, too
+    found = asdict(replace(answer, **empty))
+    del found[picture]
+    return found
 
 
 def collection(facts: SceneFacts, features: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -1,14 +1,14 @@
 """How far one gets in some minutes, through the expected crowds or through simulated futures."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from sidestep.network.town import Town
 from sidestep.planners.base import Planner
-from sidestep.routing.facts import End, SceneFacts, collection
+from sidestep.routing.facts import End, SceneFacts, collection, without_map
 from sidestep.routing.formats import feature, table
 from sidestep.routing.located import Located
 from sidestep.routing.request import RouteError, check_minutes, on_map
@@ -73,7 +73,7 @@ class Isochrone(SceneFacts):
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the map, ready for ``json.dumps``."""
-        return {name: value for name, value in asdict(replace(self, town=None)).items() if name != "town"}
+        return without_map(self, "town")
 
     def to_geojson(self) -> dict[str, Any]:
         """A GeoJSON feature collection (RFC 7946): an area for each limit, the largest first, and the origin.

@@ -1,7 +1,7 @@
 """A planned route, and what it looks like as JSON, text, GeoJSON and GPX."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from sidestep.environment.types import Level
 from sidestep.network.geodesy import metres_between
 from sidestep.routing.directions import Leg, Step
-from sidestep.routing.facts import RequestFacts, StreetMap, collection
+from sidestep.routing.facts import RequestFacts, StreetMap, collection, without_map
 from sidestep.routing.formats import GpxRoute, Waypoint, feature, gpx, table
 from sidestep.routing.request import on_map
 from sidestep.scenarios.model import objective_in_words
@@ -154,8 +154,7 @@ class RoutePlan(RequestFacts, WalkTimes):
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the map, ready for ``json.dumps``; alternatives do not repeat what was asked."""
-        found = asdict(replace(self, streets=None, alternatives=()))
-        del found["streets"]
+        found = without_map(replace(self, alternatives=()), "streets")
         repeated = {*(asked.name for asked in fields(RequestFacts)), "baselines", "alternatives", "asked_alternatives"}
         others = [other.to_json().items() for other in self.alternatives]
         found["alternatives"] = [{name: value for name, value in other if name not in repeated} for other in others]

@@ -228,11 +228,12 @@ class Paths:
 
     def _searched(self, node: int, network: RoadNetwork) -> "Reach":
         """The walks by one search, on streets that may be open to more."""
-        params, alone = (each.begun_at(node) for each in (self._params, replace(self._alone, network=network)))
+        alone = replace(self._alone, network=network).begun_at(node)
         origin, departure = jnp.int32(node), jnp.float32(self._clock)
         via, order, expected = _paths_from(alone, origin, departure, by_length=self._by_length)
         seconds: dict[float | None, Float[np.ndarray, " node"]] = {None: np.asarray(expected, np.float64) - self._clock}
         if len(self.shares) > 1:
+            params = self._params.begun_at(node)
             walked = np.asarray(_arrivals_along(params, via, order, origin, departure), np.float64) - self._clock
             goes = np.isfinite(walked).all(axis=1)
             for share, row in zip((0.5, 0.9), np.quantile(walked[goes], (0.5, 0.9), axis=1), strict=True):
