@@ -50,7 +50,6 @@ def test_by_hand() -> None:
     assert row["gap"] == pytest.approx(66 / 50 - 1)
     assert row["regret_minutes"] == pytest.approx(66 - 50)
     assert (row["level"], row["maps"], row["arrival_rate"]) == ("position", 2, 1)
-    assert "decision_us" not in row  # nobody measured
     assert "mean_cost_minutes" not in row  # time is all that counts
     # both maps alike: no matter which are drawn
     assert row["ci95"] == pytest.approx([66, 66])
@@ -138,6 +137,21 @@ def test_walks_that_did_not_arrive_count_as_the_horizon() -> None:
     assert row["saving_vs_shortest_path"] == pytest.approx(1 - 405 / 100)
 
 
+def test_nothing_is_saved_against_a_shortest_path_that_did_not_arrive() -> None:
+    # On map 1 one walk of the shortest path did not arrive: there is no time to save, neither in the mean nor at best.
+    lost = record(SHORTEST.minutes.tolist(), [[True, True], [False, True]])
+    found = summarise({REFERENCE: lost, BOUND: BEST, BASELINE: EXPECTED, "first": record([[66, 66]])})
+    for name in (REFERENCE, BOUND, BASELINE):
+        assert (found[name]["saving_vs_shortest_path"], found[name]["best_saving"]) == (None, None)
+        assert list(cells(name, found[name], 2, ("saved", "best map")).values()) == ["–", "–"]
+    # A row of map 0 alone is set against that map, on which all arrived.
+    assert found["first"]["saving_vs_shortest_path"] == pytest.approx(1 - 66 / 110)
+    assert found["first"]["best_saving"] == pytest.approx(1 - 66 / 120)
+    # Who else did not arrive does not matter.
+    late = record([[66, 66], [66, 66]], [[True, False], [True, True]])
+    assert rows(mine=late)["mine"]["saving_vs_shortest_path"] == pytest.approx(0.34)
+
+
 def test_the_seed_decides_the_resamples() -> None:
     minutes = np.random.default_rng(3).normal(80, 10, (20, 5))
     wide = {name: record(minutes) for name in (REFERENCE, BOUND, BASELINE)}
@@ -171,7 +185,6 @@ def test_other_tables_have_other_columns() -> None:
         "mine (1 maps)", "66.0", "74.8", "50.0 %", "-14.00", "-13.46 to +0.50",
     ]  # fmt: skip
     assert cells("mine", some | {"arrive_by": None}, 2, ["in time"]) == {"in time": ""}
-    assert cells("mine", some | {"decision_us": 1234.56}, 2, ["µs a decision"]) == {"µs a decision": "1,234.6"}
 
 
 def test_every_column_has_a_heading() -> None:
@@ -187,7 +200,7 @@ def test_tables_in_markdown() -> None:
     )
 
 
-# --- Under an objective, and with timing ----------------------------------------------------------------------------
+# --- Under an objective ---------------------------------------------------------------------------------------------
 
 
 def test_under_an_objective_planners_are_judged_by_cost() -> None:
@@ -210,7 +223,7 @@ def test_under_an_objective_planners_are_judged_by_cost() -> None:
 
 def test_records_of_parts_are_joined_walk_by_walk() -> None:
     one, other = (
-        Record("map", np.full(2, n), np.array([True, n > 1]), np.full(2, 2 * n), {"metres": np.full(2, 3 * n)}, n)
+        Record("map", np.full(2, n), np.array([True, n > 1]), np.full(2, 2 * n), {"metres": np.full(2, 3 * n)})
         for n in (1.0, 2.0)
     )
     both = join_records([one, other], lambda arrays: np.concatenate(arrays)[:3])
@@ -218,8 +231,6 @@ def test_records_of_parts_are_joined_walk_by_walk() -> None:
     assert both.arrived.tolist() == [True, False, True]
     assert both.cost.tolist() == [2, 2, 4]
     assert both.totals["metres"].tolist() == [3, 3, 6]
-    assert both.decision_us == 1.5  # the median
-    assert join_records([record([[1.0]]), record([[2.0]])], np.concatenate).decision_us is None
 
 
 # --- How single walks spread ----------------------------------------------------------------------------------------

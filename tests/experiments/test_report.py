@@ -4,12 +4,14 @@ import re
 
 import pytest
 
-from sidestep.experiments.report import claims, html
+from sidestep.experiments.report import JUDGED_FROM, claims, html
 
 
-def row(minutes: float, *, saving: float = 0.0, best: float = 0.0, arrival: float = 1.0, gap: float = 0.0) -> dict:
+def row(
+    minutes: float, *, saving: float | None = 0.0, best: float | None = 0.0, arrival: float = 1.0, gap: float = 0.0
+) -> dict:
     return {
-        "level": "position", "maps": 2, "mean_minutes": minutes, "ci95": [minutes - 1, minutes + 1],
+        "level": "position", "maps": JUDGED_FROM, "mean_minutes": minutes, "ci95": [minutes - 1, minutes + 1],
         "saving_vs_shortest_path": saving, "best_saving": best, "gap": gap, "gap_ci95": [gap, gap],
         "regret_minutes": 0.0, "arrival_rate": arrival, "median_minutes": minutes, "p90_minutes": minutes,
         "arrive_by": None, "difference_minutes": 0.0, "difference_ci95": [0.0, 0.0],
@@ -29,7 +31,7 @@ def results(**changes: dict) -> dict:
     } | changes
     conditions = {"unblocked": "arima", "congested": "arima", "unblocked_forecast": "forecast"}
     return {
-        key: {"scenario": key, "flows": flows, "maps": 2, "walks": 5, "seed": 0, "planners": planners}
+        key: {"scenario": key, "flows": flows, "maps": JUDGED_FROM, "walks": 5, "seed": 0, "planners": planners}
         for key, flows in (conditions | {"congested_forecast": "forecast"}).items()
     }
 
@@ -57,6 +59,23 @@ def test_the_papers_own_numbers_hold() -> None:
 )
 def test_other_numbers_do_not(changes: dict, number: int, verdict: str) -> None:
     assert verdicts(**changes)[number] == verdict
+
+
+def test_too_few_maps_are_not_judged() -> None:
+    few = {"darp-paper": row(76.0, gap=0.05) | {"maps": JUDGED_FROM - 1}}
+    compared = results(**few)
+    judged = claims(compared, 50_000)
+    assert {claim.verdict for claim in judged} == {"not judged"}
+    assert judged[0].ours == claims(results(), 50_000)[0].ours  # the numbers are there
+    for claim in judged:
+        assert f"judged from {JUDGED_FROM}" in claim.why
+
+
+def test_savings_against_a_shortest_path_that_did_not_arrive_are_not_judged() -> None:
+    lost = row(75.0, saving=None, best=None)
+    found = claims(results(darp=lost, clairvoyant=lost), 50_000)
+    assert [claim.verdict for claim in found] == ["not judged"] * 2 + ["holds"] * 4 + ["holds"]
+    assert "saves –" in found[0].ours
 
 
 def test_claims_give_the_numbers() -> None:

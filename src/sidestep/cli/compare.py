@@ -28,7 +28,6 @@ def compare(
     destinations: options.Whole | None = None,
     by: options.By = None,
     against: str = "expected",
-    timing: options.Flag = False,
     changes: options.Changes = options.UNCHANGED,
     seed: options.Seed = 0,
     workers: options.Workers = None,
@@ -54,8 +53,6 @@ def compare(
         destinations in real places.
     against
         Planner that the others' minutes are set against.
-    timing
-        Measure how long decisions take; planning is then done twice.
     """
     options.check_least(seed=seed, maps=maps, walks=walks, workers=workers)
     options.check_minutes(by=by)
@@ -88,7 +85,6 @@ def compare(
                 seed=seed,
                 workers=workers or options.processors(),
                 destinations=destinations,
-                timing=timing,
                 on_map=lambda index, _: advance(f"map {index}"),
             )
             results.append(compared.to_json(by, chosen.baseline))
@@ -120,7 +116,6 @@ def show_results(*compared: "Results") -> None:
         **dict.fromkeys(("median", "90 %"), objective is None),
         "too dense": objective and objective["max_density"],
         "in time": by,
-        "µs a decision": any("decision_us" in row for _, _, row in rows),
     }
     columns = [column for column in HEADINGS if shown.get(column, True)]
     headings = HEADINGS | {"in time": f"within {by:g} min" if by else "", "difference": f"over {results['baseline']}"}

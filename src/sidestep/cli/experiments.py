@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sidestep.cli import options
 from sidestep.cli.compare import show_results
-from sidestep.cli.console import print_table, progress
+from sidestep.cli.console import print_table, print_text, progress
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def reproduce(
     maps
         Number of maps in each condition.
     quick
-        Run everything in small: 2 maps, 5 walks.
+        Run everything in small: 2 maps, 5 walks; too few maps to judge the claims.
     """
     options.check_least(seed=seed, maps=maps, workers=workers)
     options.start_jax()
@@ -71,7 +71,7 @@ def reproduce(
         print(f"\n{key.replace('_', ', ')}")
         show_results(compared)
     for claim in results.claims:
-        print(f"\n{claim.verdict.upper():7} {claim.paper}\n        {claim.ours}\n        {claim.why}")
+        print_text(f"\n{claim.verdict.upper()}: {claim.paper}\n  {claim.ours}\n  {claim.why}")
     print(f"\n{perf_counter() - began:.0f} s; report: {out / 'report.html'}, numbers: {out / 'results.json'}")
 
 

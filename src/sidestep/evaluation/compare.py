@@ -1,22 +1,20 @@
-"""Walk the same maps, crowds and departures with every planner, and measure how long decisions take."""
+"""Walk the same maps, crowds and departures with every planner."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from time import perf_counter
 from typing import Any, TypedDict
 
 import jax
 import numpy as np
-from jaxtyping import Array, Int, Key
+from jaxtyping import Array, Key
 
-from sidestep.environment.dynamics import reset
 from sidestep.environment.types import LEVELS, EnvParams, Instance
 from sidestep.evaluation.metrics import Record, Row, join_records, summarise
-from sidestep.planners.base import DecideByPlan, Plan, Planner, walk_plan
+from sidestep.planners.base import Planner, walk_plan
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
 from sidestep.scenarios.futures import make_environment
@@ -131,7 +129,6 @@ def compare(
     seed: int = 0,
     workers: int = 1,
     destinations: int | None = None,
-    timing: bool = False,
     on_map: Callable[[int, dict[str, Record]], None] = lambda _index, _records: None,
 ) -> Comparison:
     """Walk the same maps through the same crowds with every planner.
@@ -156,8 +153,6 @@ def compare(
         How many destinations walks go to, in turn and from anywhere (see
         :func:`sidestep.scenarios.episodes.destinations_of`). By default walks go from corner to corner on grids and
         from anywhere to anywhere in towns.
-    timing
-        Whether to measure how long decisions take; planning is then done twice.
     on_map
         Called with a map's number and its walks by planner as each map is done, in the order of ``maps``.
 
@@ -183,7 +178,7 @@ def compare(
     """
     if not maps or walks < 1 or workers < 1:
         raise PlannerError(f"nothing to compare: {len(maps)} maps, {walks} walks, {workers} workers")
-    one = partial(_walk_map, scenario, planners, walks, seed, destinations, timing)
+    one = partial(_walk_map, scenario, planners, walks, seed, destinations)
     collected: dict[str, list[Record]] = {name: [] for name in planners}
     pool = ThreadPoolExecutor(workers)
     try:
@@ -204,7 +199,7 @@ def compare(
 
 
 def _walk_map(
-    scenario: Scenario, planners: Factories, walks: int, seed: int, destinations: int | None, timing: bool, index: int
+    scenario: Scenario, planners: Factories, walks: int, seed: int, destinations: int | None, index: int
 ) -> dict[str, Record]:
     """Walk map number ``index`` with all planners."""
     scenario_map = draw_map(scenario, seed, index)
@@ -225,56 +220,16 @@ def _walk_map(
         key = purpose_key(scenario_map, "test")
         key = jax.random.fold_in(key, part) if part else key
         for name, planner in chosen.items():
-            collected[name].append(_walk(planner, params, todo, key, timing))
+            collected[name].append(_walk(planner, params, todo, key))
     return {name: join_records(found, lambda each: np.concatenate(each)[:walks]) for name, found in collected.items()}
 
 
-def _walk(planner: Planner, params: EnvParams, todo: Instance, key: Key[Array, ""], timing: bool) -> Record:
-    plan = planner.plan(params, todo)
-    walked = walk_plan(planner, params, plan, todo, key)
+def _walk(planner: Planner, params: EnvParams, todo: Instance, key: Key[Array, ""]) -> Record:
+    walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
     return Record(
         planner.level,
         np.asarray(walked.seconds, np.float64) / 60,
         np.asarray(walked.arrived),
         np.asarray(walked.cost, np.float64) / 60,
         {name: np.asarray(total, np.float64) for name, total in walked.measures.items()},
-        _decision_us(planner, params, plan, todo, key, int(np.sum(walked.steps))) if timing else None,
     )
-
-
-def _decision_us(
-    planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], decisions: int
-) -> float:
-    """Measure how long a planner plans and decides, in microseconds for each decision.
-
-    Planning is repeated and shared out among the decisions of all walks; deciding is measured at the origins. Neither
-    counts tables of costs to go and forecasts, which belong to the environment.
-
-    Parameters
-    ----------
-    planner, params, plan, instances, key
-        As for :func:`sidestep.planners.base.walk_plan`. The plan was made before, so that nothing is compiled here
-        that planning compiles.
-    decisions
-        Number of decisions that all walks took together.
-
-    Returns
-    -------
-    float
-        Microseconds.
-    """
-    began = perf_counter()
-    jax.tree.map(np.asarray, planner.plan(params, instances).own)  # waits until it is there
-    planning = perf_counter() - began
-    decide = partial(_decide_all, planner.decide, replace(params, level=planner.observes), plan, instances, key)
-    decide().block_until_ready()
-    began = perf_counter()
-    decide().block_until_ready()
-    return 1e6 * (planning / max(decisions, 1) + (perf_counter() - began) / instances.origin.shape[0])
-
-
-@partial(jax.jit, static_argnames="decide")
-def _decide_all(
-    decide: DecideByPlan, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""]
-) -> Int[Array, " walk"]:
-    return jax.vmap(lambda own, walk: decide(plan.shared, own, reset(params, walk)[1], key))(plan.own, instances)

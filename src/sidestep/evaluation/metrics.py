@@ -36,9 +36,6 @@ class Record(eqx.Module):
     """Under an objective: ``exposure`` (crowd met, person·s/m²), ``metres``, and ``too_dense`` (streets entered above
     the maximum density); empty where time is all that counts."""
 
-    decision_us: float | None = None
-    """Microseconds for each decision; None where they were not measured."""
-
     @property
     def maps(self) -> int:
         """Number of maps walked: the first ones of the comparison."""
@@ -58,12 +55,10 @@ def join_records(records: Sequence[Record], join: Callable[[Sequence[np.ndarray]
     Returns
     -------
     Record
-        All walks, at the level of the first record; decisions take the median of the records' times.
+        All walks, at the level of the first record.
     """
-    times = [record.decision_us for record in records if record.decision_us is not None]
-    alike = (replace(record, level=records[0].level, decision_us=None) for record in records)
-    joined = jax.tree.map(lambda *arrays: join(arrays), *alike)
-    return replace(joined, decision_us=float(np.median(times)) if times else None)
+    alike = (replace(record, level=records[0].level) for record in records)
+    return jax.tree.map(lambda *arrays: join(arrays), *alike)
 
 
 class Spread(TypedDict):
@@ -90,11 +85,11 @@ class Row(Spread):
     mean_minutes: float
     ci95: list[float]
 
-    saving_vs_shortest_path: float
-    """1 - mean / mean of ``shortest-path``."""
+    saving_vs_shortest_path: float | None
+    """1 - mean / mean of ``shortest-path``; None where one of its walks did not arrive, for the horizon is no time."""
 
-    best_saving: float
-    """Saving on the map (on the walk, if there is one map) where it is largest."""
+    best_saving: float | None
+    """Saving on the map (on the walk, if there is one map) where it is largest; None as above."""
 
     gap: float
     """Mean / mean of ``clairvoyant`` - 1: how far the planner stays behind the bound."""
@@ -111,9 +106,6 @@ class Row(Spread):
 
     difference_ci95: list[float]
     """Of paired differences."""
-
-    decision_us: NotRequired[float]
-    """Microseconds for each decision; only where they were measured."""
 
     mean_cost_minutes: NotRequired[float]
     """Only with an objective, as the three after it."""
@@ -167,14 +159,15 @@ def _row(record: Record, references: Sequence[Record], seed: int, by: float | No
     shortest, bound, baseline = (_units(reference.cost[: record.maps]) for reference in references)
     again = np.random.default_rng(seed).integers(len(cost), size=(RESAMPLES, len(cost)))
     means, bounds = cost[again].mean(axis=1), bound[again].mean(axis=1)
+    saved = bool(references[0].arrived[: record.maps].all())
     single = spread(record.minutes, record.arrived, by, horizon)
     row: Row = {
         "level": record.level,
         "maps": record.maps,
         "mean_minutes": float(minutes.mean()),
         "ci95": _interval(minutes[again].mean(axis=1)),
-        "saving_vs_shortest_path": float(1 - cost.mean() / shortest.mean()),
-        "best_saving": float(1 - (cost / shortest).min()),
+        "saving_vs_shortest_path": float(1 - cost.mean() / shortest.mean()) if saved else None,
+        "best_saving": float(1 - (cost / shortest).min()) if saved else None,
         "gap": float(cost.mean() / bound.mean() - 1),
         "gap_ci95": _interval(means / bounds - 1),
         "regret_minutes": float(cost.mean() - bound.mean()),
@@ -185,8 +178,6 @@ def _row(record: Record, references: Sequence[Record], seed: int, by: float | No
         "difference_minutes": float(cost.mean() - baseline.mean()),
         "difference_ci95": _interval(means - baseline[again].mean(axis=1)),
     }
-    if record.decision_us is not None:
-        row["decision_us"] = record.decision_us
     if record.totals:
         row["mean_cost_minutes"] = float(cost.mean())
         row["mean_exposure"] = float(record.totals["exposure"].mean())
@@ -242,9 +233,9 @@ def in_time(
     return arrived & (minutes <= by) & (minutes < horizon)
 
 
-def percent(share: float, digits: int = 1) -> str:
-    """Format a share in per cent."""
-    return f"{100 * share:.{digits}f} %"
+def percent(share: float | None, digits: int = 1) -> str:
+    """Format a share in per cent; None, which is not known, is a dash."""
+    return "–" if share is None else f"{100 * share:.{digits}f} %"
 
 
 _COLUMNS: dict[str, tuple[str, Callable[[Row], str]]] = {
@@ -265,7 +256,6 @@ _COLUMNS: dict[str, tuple[str, Callable[[Row], str]]] = {
     "gap": ("over the clairvoyant", lambda row: percent(row["gap"], 2)),
     "gap 95 %": ("95 %", lambda row: "{:.2f} to {:.2f}".format(*(100 * bound for bound in row["gap_ci95"]))),
     "arrive": ("arrive", lambda row: percent(row["arrival_rate"])),
-    "µs a decision": ("µs/decision", lambda row: f"{row.get('decision_us', math.nan):,.1f}"),
 }
 """What is written above each column after that of the planner, and how each row's cell in it."""
 
