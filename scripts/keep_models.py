@@ -14,5 +14,5 @@ def trained(folder: Path, scenario: Scenario, config: TrainConfig, seed: int) ->
     """Train an agent on map 0 into a folder, unless it is there already; returns what ``train --json`` prints."""
     told = folder / "trained.json"
     if not told.exists():
-        write_text(told, json.dumps(train(scenario, config, seed=seed, out=folder).to_json()))
+        write_text(told, json.dumps(train(scenario, config, seed=seed, out=folder, overwrite=True).to_json()))
     return json.loads(told.read_text(encoding="utf-8"))

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from sidestep import plotting
+from sidestep.agent.checkpoint import Metadata
+from sidestep.agent.presets import preset
 from sidestep.planners.base import Route
+from sidestep.scenarios.builtin import scenario
 
 
 def texts(figure) -> str:
@@ -17,6 +20,43 @@ def test_learning_curves_take_planners_without_a_colour_of_their_own() -> None:
     said = texts(figure)
     for text in ("some streets", "expected (-60)", "another (-80)", "mine (-70 after 3 rounds of 1,000 steps)"):
         assert text in said
+
+
+@pytest.mark.parametrize(
+    ("keep", "curve", "scale", "kept"),
+    [
+        ("last", ((60.0, 100.0), (50.0, 70.0), (62.0, 60.0)), "linear", (3, 61)),
+        ("best", ((60.0, 100.0), (50.0, 70.0), (62.0, 60.0)), "linear", (2, 60)),
+        ("best", ((60.0, 60.0), (1440.0, 1440.0), (60.0, 60.0)), "log", (3, 60)),  # the later of equals
+    ],
+)
+def test_the_learning_curve_of_a_training(keep: str, curve, scale: str, kept: tuple[int, float]) -> None:
+    config = preset("default").changed(keep=keep, test_walks=2, rounds=9)
+    problem = scenario("paper-congested")
+    trained = Metadata(scenario=problem, seed=4, map=2, config=config, curve=curve, fingerprint="")
+    figure = plotting.draw_training(trained)
+    (axes,) = figure.axes
+    line, dot = axes.lines
+    assert line.get_xydata().tolist() == [[number, sum(walks) / 2] for number, walks in enumerate(curve, 1)]
+    assert dot.get_xydata().tolist() == [list(kept)]
+    assert axes.get_yscale() == scale
+    said = texts(figure)
+    for text in (
+        "paper-congested, map 2, seed 4, level position: 3 of 9 rounds",
+        "rounds of 2,560 transitions",
+        "minutes",
+        "mean of 2 greedy test walks",
+        problem.summary,
+        problem.place.synthetic,
+        "1,440 minutes",
+    ):
+        assert text in said  # fmt: skip
+
+
+def test_the_learning_curve_of_costs_says_so() -> None:
+    problem = scenario("paper-congested").changed(objective={"exposure": 1.0})
+    trained = Metadata(scenario=problem, seed=0, map=0, config=preset("default"), curve=((50.0, 60.0),), fingerprint="")
+    assert plotting.draw_training(trained).axes[0].get_ylabel().startswith("minutes of cost")
 
 
 def test_a_map_shows_routes_side_by_side(diamond, constant_field, make_params, tmp_path) -> None:

@@ -15,7 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import LogLocator, MaxNLocator
 
+from sidestep.agent.checkpoint import Metadata
 from sidestep.environment.types import EnvParams
 from sidestep.files import whole_file
 from sidestep.network.graph import RoadNetwork
@@ -29,6 +31,7 @@ from sidestep.routing.isochrone import Isochrone
 from sidestep.routing.matrix import TimeMatrix
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import on_map
+from sidestep.scenarios.streets import sources_of
 
 INK = "#1f2933"
 LOOKS = {
@@ -46,6 +49,7 @@ _CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.lin
 _SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
 _ROOM = 40.0  # m around the streets of a town
 _OTHERS = ("#7b2d8b", "#00838f", "#5d4037", "#455a64")  # of alternatives, as far from the colours of crowds
+_WIDE_RATIO = 5.0  # of the longest walk to the shortest: beyond, small differences cannot be seen on a linear axis
 _SURE = 0.9  # share of the futures whose areas have a line around them
 _MOST_LABELS, _MOST_NUMBERS = 40, 400  # on one side of a matrix, and in it
 _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
@@ -112,6 +116,60 @@ def learning_curves(title: str, curves: Mapping[str, Curve], lines: Mapping[str,
     axes.spines[["top", "right"]].set_visible(False)
     # Below the axes: inside, some curve would lie under it.
     figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
+    return figure
+
+
+def draw_training(trained: Metadata) -> Figure:
+    """Draw the learning curve of one training, finished or not: how long its greedy test walks took, round by round.
+
+    The line is the mean of the test walks, the band the middle half of them.
+
+    Parameters
+    ----------
+    trained
+        What was trained: the ``metadata`` of a run, a checkpoint or a model.
+
+    Returns
+    -------
+    Figure
+        To be saved by :func:`save`.
+
+    Examples
+    --------
+    >>> import sidestep
+    >>> from sidestep.plotting import draw_training
+    >>> small = sidestep.preset("default").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64)
+    >>> run = sidestep.train(sidestep.scenario("paper-congested", side=3, crowded_nodes=1), small)
+    >>> draw_training(run.metadata).axes[0].get_xlabel()
+    'rounds of 64 transitions'
+    """
+    config, scenario = trained.config, trained.scenario
+    minutes = np.array(trained.curve)  # [round, walk]
+    mean, rounds = minutes.mean(axis=1), np.arange(1, len(minutes) + 1)
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots()
+    colour = LOOKS["darp"][0]
+    low, high = np.percentile(minutes, [25, 75], axis=1)
+    axes.fill_between(rounds, low, high, color=colour, alpha=0.2, linewidth=0, label="middle half of the walks")
+    axes.plot(rounds, mean, color=colour, linewidth=2.2, label=f"mean of {minutes.shape[1]} greedy test walks")
+    kept = int(np.flatnonzero(mean == mean.min())[-1]) if config.keep == "best" else len(mean) - 1
+    style: dict[str, Any] = {"color": INK, "markersize": 7, "zorder": 4, "clip_on": False}
+    axes.plot(rounds[kept], mean[kept], "o", label=f"kept: {mean[kept]:.1f} after round {rounds[kept]}", **style)
+    if minutes.max() > _WIDE_RATIO * minutes.min() > 0:  # early walks often do not arrive
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter("{x:,.0f}")
+        axes.yaxis.set_minor_formatter("")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    unit = "minutes" if scenario.objective.is_time else "minutes of cost"
+    axes.set(xlabel=f"rounds of {config.round_steps:,} transitions", ylabel=f"{unit} (lower is better)")
+    what = f"{scenario.name}, map {trained.map}, seed {trained.seed}, level {config.level}"
+    axes.set_title(f"{what}: {len(rounds):,} of {config.rounds:,} rounds", loc="left", fontsize=10, color=INK)
+    axes.grid(axis="y", alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=9, loc="upper right")
+    horizon = f"A walk that does not arrive counts as the horizon, {scenario.horizon / 60:,.0f} minutes."
+    figure.supxlabel("\n".join([*sources_of(scenario), horizon]), fontsize=8, color=INK)
     return figure
 
 

@@ -157,6 +157,45 @@ def test_a_finished_run_does_not_go_on(straight: Straight) -> None:
     assert caught.value.field == "rounds"
 
 
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({}, "out"),
+        ({"config": CONFIG.changed(rounds=5)}, "out"),  # also another training than the one that is there
+        ({"resume": True, "overwrite": True}, "overwrite"),
+        ({"overwrite": True, "out": None}, "out"),
+    ],
+)
+@pytest.mark.parametrize("rounds", [1, 4])  # unfinished and finished
+def test_a_model_is_not_lost(straight: Straight, changes: dict[str, Any], field: str, rounds: int) -> None:
+    folder = straight.folders[rounds - 1]
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    started = []
+    with pytest.raises(CheckpointError) as caught:
+        train(**{"scenario": PROBLEM, "config": CONFIG, "out": folder, "on_round": started.append} | changes)
+    assert (caught.value.field, started) == (field, [])
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", [checkpoint.MODEL, checkpoint.CHECKPOINT])
+def test_half_a_model_is_not_lost_either(straight: Straight, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes((straight.folders[0] / name).read_bytes())
+    with pytest.raises(CheckpointError) as caught:
+        train(PROBLEM, CONFIG, out=tmp_path)
+    assert caught.value.field == "out"
+
+
+def test_a_model_is_overwritten_once_there_is_something_to_save(straight: Straight, tmp_path: Path) -> None:
+    for file in straight.folders[-1].iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    with pytest.raises(ScenarioError):
+        train(PROBLEM, CONFIG.changed(destinations=9, futures=64), out=tmp_path, overwrite=True)
+    assert checkpoint.load_model(tmp_path).metadata.curve == straight.curves[-1]
+    run = train(PROBLEM, CONFIG, seed=5, out=tmp_path, overwrite=True)
+    assert checkpoint.load_model(tmp_path).metadata == checkpoint.load(tmp_path).metadata == run.metadata
+    assert run.metadata.seed == 5
+
+
 def test_what_cannot_be_learned_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     out = tmp_path / "model"
     with pytest.raises(ScenarioError):

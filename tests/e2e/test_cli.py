@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from sidestep.agent import runs
 from sidestep.cli import app as cli
 from sidestep.errors import SidestepError
 from sidestep.experiments import demo, paper
@@ -29,6 +30,7 @@ def model(sidestep, tmp_path_factory):
     done = sidestep("train", *GRID, "--out", folder)  # as comparisons train their own agents
     assert done.returncode == 0, done.stderr
     assert "\nthe paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people\n" in done.stdout
+    assert f"\nLearning curve: {folder / 'learning-curve.png'}\n" in done.stdout
     return folder
 
 
@@ -198,10 +200,38 @@ def test_trade_off_draws_a_picture(sidestep, tmp_path):
 def test_train_resumes_where_it_was(sidestep, model):
     args = ("train", *GRID, "--json")
     straight = json.loads(sidestep(*args).stdout)
-    assert len(straight["curve_minutes"]) == 40
+    assert (len(straight["curve_minutes"]), straight["picture"]) == (40, None)
+    before = {file.name: file.read_bytes() for file in model.iterdir()}
+    assert "--overwrite" in one_sentence(sidestep(*args, "--out", model))
+    assert "exclude" in one_sentence(sidestep(*args, "--out", model, "--resume", "--overwrite"))
+    assert "--out" in one_sentence(sidestep(*args, "--overwrite"))
+    assert {file.name: file.read_bytes() for file in model.iterdir()} == before
     assert one_sentence(sidestep(*args, "--out", model, "--resume")).count("trained to the end") == 1
     assert "seed" in one_sentence(sidestep(*args, "--out", model, "--resume", "--seed", 5))
     assert "--out" in one_sentence(sidestep(*args, "--resume"))
+
+
+def test_the_learning_curve_is_drawn_of_what_there_is(sidestep, monkeypatch, tmp_path):
+    args = ("train", *GRID, "--preset", "tabular-q", "--rounds", 3, "--out", tmp_path)
+    picture, saved = tmp_path / "learning-curve.png", []
+
+    def once(run, folder):
+        if saved:
+            raise KeyboardInterrupt
+        saved.append(folder)
+        save(run, folder)
+
+    save = runs.save
+    monkeypatch.setattr(runs, "SAVE_SECONDS", 0.0)
+    monkeypatch.setattr(runs, "save", once)
+    assert "stopped" in one_sentence(sidestep(*args), status=130)
+    unfinished = picture.read_bytes()
+    assert unfinished.startswith(b"\x89PNG")
+    monkeypatch.setattr(runs, "save", save)
+    done = sidestep(*args, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes() != unfinished  # all rounds, also those of before
+    assert f"Learning curve: {picture}" in done.stdout
 
 
 def test_compare_takes_a_trained_model(sidestep, model):
@@ -227,8 +257,8 @@ def test_a_level_is_trained_and_said(local_model):
     assert (summary["level"], summary["config"]["level"], summary["map"]) == ("local", "local", 0)
     assert (summary["config"]["n_step"], summary["config"]["destinations"]) == (2, 2)
     assert len(summary["curve_minutes"]) == 1
-    assert summary["model"] == str(folder)
-    assert sorted(file.name for file in folder.iterdir()) == ["checkpoint.eqx", "model.eqx"]
+    assert (summary["model"], summary["picture"]) == (str(folder), str(folder / "learning-curve.png"))
+    assert sorted(file.name for file in folder.iterdir()) == ["checkpoint.eqx", "learning-curve.png", "model.eqx"]
 
 
 def test_compare_takes_a_model_of_a_level(sidestep, local_model):
@@ -309,7 +339,7 @@ def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
     assert err.startswith("sidestep: stopped")
     assert len(err.splitlines()) == 1
     assert out == ""
-    assert sorted(file.name for file in folder.iterdir()) == ["checkpoint.eqx", "model.eqx"]
+    assert sorted(file.name for file in folder.iterdir()) == ["checkpoint.eqx", "learning-curve.png", "model.eqx"]
     from sidestep.agent import checkpoint
 
     assert len(checkpoint.load(folder).metadata.curve) >= 1

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata, load, save
+from sidestep.agent.checkpoint import CHECKPOINT, MODEL, Checkpoint, CheckpointError, Metadata, load, save
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.train import TrainState, training_rounds
 from sidestep.files import output_folder
@@ -75,6 +75,7 @@ def train(
     index: int = 0,
     out: Path | None = None,
     resume: bool = False,
+    overwrite: bool = False,
     on_round: OnRound = lambda _run: None,
 ) -> TrainingRun:
     """Train an agent on one map of a scenario, or on its training maps where it has such.
@@ -90,10 +91,13 @@ def train(
     index
         Number of the map.
     out
-        Folder for the model; it is saved every few seconds and at the end.
+        Folder for the model; it is saved after the first round, every few seconds, and at the end.
     resume
         Go on with the model in ``out``, which must be of the same scenario, map, seed and configuration. The result is
         the same, to the bit, as without the interruption.
+    overwrite
+        Replace the model in ``out``, finished or not, as soon as there is something to save. Without it, and without
+        ``resume``, a model that is there is refused.
     on_round
         Called after every round with the run so far, to report progress or to judge what has been learned.
 
@@ -105,7 +109,8 @@ def train(
     Raises
     ------
     CheckpointError
-        There is nothing to resume, or it was trained otherwise or to the end.
+        There is nothing to resume, or it was trained otherwise or to the end; or ``out`` has a model that is neither to
+        be resumed nor overwritten (field ``out``), or both (``overwrite``).
     ScenarioError
         There are fewer destinations than are to be learned, or no way on from a crossing.
     OutputError
@@ -119,15 +124,16 @@ def train(
     >>> len(run.metadata.curve), run.model.q_network.crossings
     (2, 9)
     """
+    _check_folder(out, resume=resume, overwrite=overwrite)
     drawn = draw_training_map(scenario, seed, index)
     # What nobody can learn is refused before anything is written.
     destinations_of(drawn, config.destinations)
     check_paths(drawn)
     metadata = Metadata(scenario=scenario, seed=seed, map=index, config=config, fingerprint=drawn.fingerprint)
     state = None
-    if resume:
-        metadata, state = _resumed(out, metadata)
     if out is not None:
+        if resume:
+            metadata, state = _resumed(out, metadata)
         output_folder(out)
     before = len(metadata.curve)
     began, first, saved = perf_counter(), math.inf, -math.inf
@@ -145,10 +151,24 @@ def train(
     return run
 
 
-def _resumed(folder: Path | None, wanted: Metadata) -> tuple[Metadata, TrainState]:
-    """What is in the folder, if it is a part of the training that is wanted."""
+def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool) -> None:
+    """Refuse to lose a model that nobody said to replace."""
+    if resume and overwrite:
+        raise CheckpointError("--resume and --overwrite exclude each other", field="overwrite")
     if folder is None:
-        raise CheckpointError("to resume a training, give the folder of its model: --out", field="out")
+        if resume or overwrite:
+            word = "resume" if resume else "overwrite"
+            raise CheckpointError(f"to {word} a training, give the folder of its model: --out", field="out")
+    elif not (resume or overwrite) and any((folder / name).exists() for name in (MODEL, CHECKPOINT)):
+        raise CheckpointError(
+            f"{folder} has a model already: go on with it (--resume), replace it (--overwrite), or choose another "
+            "folder with --out",
+            field="out",
+        )
+
+
+def _resumed(folder: Path, wanted: Metadata) -> tuple[Metadata, TrainState]:
+    """What is in the folder, if it is a part of the training that is wanted."""
     found = load(folder)
     old, new = (dict(each) | dict(each.config) for each in (found.metadata, wanted))
     for name in ("scenario", "seed", "map", *dict(wanted.config)):

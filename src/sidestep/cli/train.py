@@ -11,6 +11,7 @@ from sidestep.cli import options
 from sidestep.cli.console import progress
 
 if TYPE_CHECKING:
+    from sidestep.agent.checkpoint import Metadata
     from sidestep.agent.runs import TrainingRun
 
 
@@ -65,6 +66,7 @@ def train(
     changes: options.Changes = options.UNCHANGED,
     out: Path | None = None,
     resume: options.Flag = False,
+    overwrite: options.Flag = False,
     seed: options.Seed = 0,
     as_json: options.Json = False,
 ) -> None:
@@ -73,9 +75,11 @@ def train(
     Parameters
     ----------
     out
-        Folder for the model, saved every few seconds.
+        Folder for the model, saved every few seconds, and for the picture of its learning curve.
     resume
         Go on with the model in --out.
+    overwrite
+        Replace the model in --out as soon as there is something to save.
     """
     options.check_least(seed=seed, map=index)
     options.start_jax()
@@ -87,20 +91,41 @@ def train(
     config = preset_for(problem, preset, level).changed(**options.changed_fields(settings))
     before = len(read_metadata(out).curve) if resume and out is not None else 0
     what = f"training on {scenario}, map {index}"
-    with progress(what, config.rounds - before, config.round_steps, "transitions") as advance:
-        run = runs.train(
-            problem,
-            config,
-            seed=seed,
-            index=index,
-            out=out,
-            resume=resume,
-            on_round=lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"),
-        )
+    trained: list[Metadata] = []
+    try:
+        with progress(what, config.rounds - before, config.round_steps, "transitions") as advance:
+
+            def on_round(run: "TrainingRun") -> None:
+                trained[:] = [run.metadata]
+                advance(f"greedy walk {run.test_minutes.mean():.0f} min")
+
+            run = runs.train(
+                problem,
+                config,
+                seed=seed,
+                index=index,
+                out=out,
+                resume=resume,
+                overwrite=overwrite,
+                on_round=on_round,
+            )
+    finally:  # also of a training that is interrupted
+        picture = draw_curve(out, *trained) if out is not None and trained else None
     if as_json:
-        print(json.dumps(run.to_json(), indent=2))
+        print(json.dumps({**run.to_json(), "picture": picture and str(picture)}, indent=2))
     else:
         show_run(scenario, run)
+        if picture is not None:
+            print(f"Learning curve: {picture}")
+
+
+def draw_curve(folder: Path, trained: "Metadata") -> Path:
+    """Draw the learning curve of a training into the folder of its model."""
+    from sidestep.plotting import draw_training, save
+
+    picture = folder / "learning-curve.png"
+    save(draw_training(trained), picture)
+    return picture
 
 
 def show_run(scenario: str, run: "TrainingRun") -> None:

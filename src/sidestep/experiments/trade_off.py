@@ -12,7 +12,7 @@ from sidestep.evaluation.metrics import Record
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, choose_planners, find_planner
 from sidestep.plotting import TradeOffPoint
 from sidestep.scenarios.model import Scenario
-from sidestep.scenarios.streets import attribution_of, walker_facts
+from sidestep.scenarios.streets import attribution_of, sources_of, walker_facts
 
 WEIGHTS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Weights of exposure, in seconds for each person·s/m²."""
@@ -69,10 +69,7 @@ class TradeOff:
     @property
     def caption(self) -> str:
         """Text below the picture: where crowds and streets come from."""
-        attribution = attribution_of(self.scenario.place)
-        streets = attribution and f"Streets: {attribution}"
-        scenario = self.scenario
-        return "\n".join(filter(None, (scenario.summary, scenario.place.synthetic, scenario.walker.remark, streets)))
+        return "\n".join(sources_of(self.scenario))
 
     def to_json(self) -> TradeOffJson:
         """Sum up in the shape of ``trade-off --json``."""

@@ -48,6 +48,18 @@ def attribution_of(place: Place) -> str:
     return town_of(place.streets).attribution if place.streets else ""
 
 
+def sources_of(scenario: Scenario) -> list[str]:
+    """What a scenario is, what is invented of it, who walks, and whose streets they are: the lines below pictures."""
+    attribution = attribution_of(scenario.place)
+    said = (
+        scenario.summary,
+        scenario.place.synthetic,
+        scenario.walker.remark,
+        attribution and f"Streets: {attribution}",
+    )
+    return [line for line in said if line]
+
+
 @cached_by_files(lambda streets, _: (streets,))
 def walked_streets(streets: str, walker: Walker) -> TownPart:
     """The streets of a venue that a walker takes, found once as long as their file stays as it is.
