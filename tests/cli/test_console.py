@@ -1,8 +1,8 @@
-"""Text on terminals and in pipes."""
+"""Text and tables on terminals and in pipes."""
 
 import pytest
 
-from sidestep.cli.console import print_text
+from sidestep.cli.console import print_table, print_text
 
 SOURCES = "Streets: © somebody [ODbL 1.0]. Crowds: counts of a city :walking: that says whose they are, and why."
 
@@ -22,3 +22,65 @@ def test_pipes_get_whole_lines(capsys, monkeypatch) -> None:
     print_text(f"{SOURCES}\n")
     print_text(SOURCES)
     assert capsys.readouterr().out == f"{SOURCES}\n" * 2
+
+
+# --- Tables ---------------------------------------------------------------------------------------------------------
+
+COLUMNS = ("planner", "knows", ">minutes", ">over the clairvoyant", "use")
+ROWS = [("a-planner-with-a-long-name", "map", "1,234.5", "12.34 %", "[always] when there is a map, and time to look")]
+
+
+def table(*expendable: str) -> None:
+    print_table(["a title", ""], COLUMNS, ROWS, expendable)
+
+
+@pytest.mark.parametrize(
+    ("width", "left_out"),
+    # 26 + 5 + 7 + 11 and at least 20 columns, with 3 between each and 4 at the edges: 85 in all.
+    [
+        (85, ""),
+        (84, "minutes"),
+        (75, "minutes"),
+        (74, "knows, minutes"),
+        (67, "knows, minutes"),
+        (66, "knows, minutes, use"),
+    ],
+)
+def test_the_least_important_columns_are_left_out_first(screen, width: int, left_out: str) -> None:
+    lines = screen(width, lambda: table("minutes", "knows", "use"))
+    assert lines[0] == "a title"
+    assert max(map(len, lines)) <= width
+    text = " ".join(" ".join(lines).split())
+    _, said, names = text.partition("Left out: ")
+    assert names == (left_out and f"{left_out}. A wider terminal or --json shows them.")
+    assert bool(said) == bool(left_out)
+    assert any(line.startswith("  a-planner-with-a-long-name  ") for line in lines)
+    for heading, cell in (("minutes", "1,234.5"), ("knows", " map "), ("use", "[always]"), ("gap", "12.34 %")):
+        assert (cell in text) == (heading not in left_out)
+
+
+@pytest.mark.parametrize("width", [10, 40])
+def test_names_and_numbers_stay_whole_on_any_terminal(screen, width: int) -> None:
+    text = "\n".join(screen(width, lambda: table("minutes", "knows", "use", "of no column")))
+    assert "a-planner-with-a-long-name" in text
+    assert "12.34 %" in text
+    assert "minutes" not in text.partition("Left out")[0]
+
+
+def test_columns_that_are_not_expendable_stay(screen) -> None:
+    text = " ".join(" ".join(screen(40, table)).split())
+    for word in ("a-planner-with-a-long-name", "map", "1,234.5", "12.34 %", "[always] when", "look"):
+        assert word in text
+    assert "Left out" not in text
+
+
+@pytest.mark.parametrize("columns", [None, "40"])
+def test_pipes_get_all_columns(capsys, monkeypatch, columns: str | None) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns:
+        monkeypatch.setenv("COLUMNS", columns)
+    table(*(column.removeprefix(">") for column in COLUMNS))
+    out = capsys.readouterr().out
+    assert "Left out" not in out
+    assert all(cell in out for cell in ROWS[0][:4])
+    assert (ROWS[0][4] in out) == (columns is None)  # wrapped, if COLUMNS says so

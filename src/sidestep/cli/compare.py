@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from sidestep.evaluation.compare import Results
 
 
+LEAST_FIRST = (
+    "90 %", "median", "knows", "difference 95 %", "metres", "too dense", "difference", "saved", "exposure", "arrive",
+    "in time", "gap",
+)  # fmt: skip
+"""Columns that narrow terminals leave out, the least important first."""
+
+
 def compare(
     scenario: options.ScenarioOption,
     /,
@@ -125,6 +132,7 @@ def show_results(*compared: "Results") -> None:
         ["walker"] * several
         + [headings[column] if column in TEXT_COLUMNS else f">{headings[column]}" for column in columns],
         [[walker] * several + list(cells(name, row, results["maps"], columns).values()) for walker, name, row in rows],
+        [headings[column] for column in LEAST_FIRST],
     )
 
 

@@ -5,10 +5,15 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count
+from textwrap import wrap
 from time import perf_counter
 
 WIDTH = 180
 """Width of tables where the output is no terminal and COLUMNS does not say another."""
+SHORT, LEAST = 30, 20
+"""Texts of tables up to this length are never wrapped; the columns of longer ones keep at least this width."""
+GAP = 3
+"""Width between columns; as much stands at both edges."""
 
 
 @contextmanager
@@ -75,47 +80,69 @@ def _known_width() -> bool:
     return sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
 
 
-def print_table(title: Iterable[str], columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print a table, in a fixed width where the output is no terminal and COLUMNS is not set.
+def print_table(
+    title: Iterable[str], columns: Iterable[str], rows: Iterable[Iterable[str]], expendable: Iterable[str] = ()
+) -> None:
+    """Print a table; on a terminal that is too narrow for it, without its least important columns.
+
+    Long texts are wrapped between words, and neither words nor numbers are broken. Where the output is no terminal, all
+    columns are there.
 
     Parameters
     ----------
     title
         Lines above the table; empty ones are left out.
     columns
-        Headings; columns whose heading begins with > hold numbers.
+        Headings, all different; columns whose heading begins with > hold numbers.
     rows
         Texts by column.
+    expendable
+        Headings of columns that may be left out, the least important first. All others always stay.
     """
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if _known_width() else WIDTH, highlight=False)
-    headings, cells = list(columns), [list(row) for row in rows]
-    head = "\n".join(filter(None, title))
-    for block in _blocks(headings, cells, console.width):
-        table = Table(box=box.SIMPLE_HEAD, title=head, title_justify="left", title_style="")
-        for column in (headings[index] for index in block):
-            number = column.startswith(">")
-            table.add_column(column.removeprefix(">"), justify="right" if number else "left", no_wrap=number)
-        for row in cells:
-            table.add_row(*(row[index] for index in block))
-        console.print(table)
-        head = ""
+    console = Console(width=None if _known_width() else WIDTH, highlight=False, markup=False, emoji=False)
+    texts = [list(column) for column in zip(columns, *rows, strict=True)]
+    shown, left_out = {column[0].removeprefix(">"): column for column in texts}, []
+    widths = {heading: _widths(*column) for heading, column in shown.items()}
+    droppable = [heading for heading in expendable if heading in shown] if sys.stdout.isatty() else []
+    # GAP between columns, and one space more in all at the edges
+    while (spare := console.width - 1 - sum(GAP + widths[heading][0] for heading in shown)) < 0 and droppable:
+        left_out.append(droppable.pop(0))
+        del shown[left_out[-1]]
+    console.width -= min(spare, 0)
+    for line in filter(None, title):
+        console.print(line)
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading, width in _shared({heading: widths[heading] for heading in shown}, max(spare, 0)).items():
+        number = shown[heading][0].startswith(">")
+        table.add_column("\n".join(wrap(heading, width)), justify="right" if number else "left", width=width)
+    for row in zip(*(column[1:] for column in shown.values()), strict=True):
+        table.add_row(*row)
+    console.print(table)
+    if left_out:
+        names = ", ".join(heading for heading in widths if heading in left_out)
+        console.print(f"Left out: {names}. A wider terminal or --json shows them.\n", style="dim")
 
 
-def _blocks(columns: list[str], rows: list[list[str]], width: int) -> list[list[int]]:
-    """Columns of one table or, where numbers do not fit, of several, each with all columns of text."""
-    gap = 3
-    headings = [column.removeprefix(">") for column in columns]
-    needs = [gap + max(map(len, cells)) for cells in zip(headings, *rows, strict=True)]
-    numbers = [index for index, column in enumerate(columns) if column.startswith(">")]
-    texts = [index for index in range(len(columns)) if index not in numbers]
-    left = width - gap - sum(min(needs[index], 20) for index in texts)  # longer texts are wrapped
-    blocks: list[list[int]] = [[]]
-    for index in numbers:
-        if blocks[-1] and sum(needs[each] for each in (*blocks[-1], index)) > left:
-            blocks.append([])
-        blocks[-1].append(index)
-    return [sorted((*texts, *block)) for block in blocks]
+def _widths(heading: str, *cells: str) -> tuple[int, int]:
+    """How narrow a column may become, and how wide it would be: numbers, words and short texts stay whole."""
+    from rich.cells import cell_len
+
+    longest = max(map(cell_len, cells), default=0)
+    words = [cell_len(word) for text in (heading.removeprefix(">"), *cells) for word in text.split()]
+    whole = longest if heading.startswith(">") or longest <= SHORT else LEAST
+    least = max([whole, *words])
+    return least, max(least, longest)
+
+
+def _shared(widths: dict[str, tuple[int, int]], spare: int) -> dict[str, int]:
+    """The columns' widths with the spare room shared out among those that would be wider, in equal parts."""
+    given = {heading: least for heading, (least, _) in widths.items()}
+    for number, heading in enumerate(sorted(widths, key=lambda heading: widths[heading][1] - widths[heading][0])):
+        least, wanted = widths[heading]
+        more = min(wanted - least, spare // (len(widths) - number))
+        given[heading], spare = least + more, spare - more
+    return given

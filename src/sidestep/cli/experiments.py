@@ -166,4 +166,5 @@ def show_trade_off(found: "TradeOff") -> None:
             )
             for name, point in (("shortest-path", found.shortest_path), *rows)
         ],
+        ("metres", "arrive"),
     )

@@ -3,7 +3,7 @@
 import json
 
 from sidestep.cli import options
-from sidestep.cli.console import print_table
+from sidestep.cli.console import print_table, print_text
 
 
 def planners(*, as_json: options.Json = False) -> None:
@@ -20,7 +20,7 @@ def planners(*, as_json: options.Json = False) -> None:
         return
     rows = [[str(info[column]) for column in ("name", "level", "summary", "use")] for info in found]
     print_table((), ("planner", "knows", "decides", "use"), rows)
-    print("Planners of your own: --planner MODULE:NAME, or the entry point group sidestep.planners.")
+    print_text("Planners of your own: --planner MODULE:NAME, or the entry point group sidestep.planners.")
 
 
 def scenarios(*, as_json: options.Json = False) -> None:
@@ -37,7 +37,7 @@ def scenarios(*, as_json: options.Json = False) -> None:
         return
     rows = [(one["name"], "; ".join(filter(None, (one["summary"], one["synthetic"])))) for one in found]
     print_table((), ("scenario", "summary"), rows)
-    print("Scenarios of your own: sidestep new NAME writes a file to start from.")
+    print_text("Scenarios of your own: sidestep new NAME writes a file to start from.")
 
 
 def walkers(*, as_json: options.Json = False) -> None:
@@ -59,4 +59,4 @@ def walkers(*, as_json: options.Json = False) -> None:
         for name, summary, walker in every
     ]
     print_table((), ("walker", "who", "numbers"), rows)
-    print("Any number may be changed: --walker older,free_speed=1.0,lift_wait=90; see docs/walkers.md.")
+    print_text("Any number may be changed: --walker older,free_speed=1.0,lift_wait=90; see docs/walkers.md.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from sidestep.cli import options
-from sidestep.cli.console import progress
+from sidestep.cli.console import print_text, progress
 
 if TYPE_CHECKING:
     from sidestep.agent.checkpoint import Metadata
@@ -131,14 +131,16 @@ def draw_curve(folder: Path, trained: "Metadata") -> Path:
 def show_run(scenario: str, run: "TrainingRun") -> None:
     """Print what was trained, how fast, and how long the greedy test walks took."""
     metadata, config, problem = run.metadata, run.metadata.config, run.metadata.scenario
-    print(
+    print_text(
         f"{scenario}, map {metadata.map}, level {config.level}: {len(metadata.curve)} rounds of "
         f"{config.round_steps:,} transitions in {run.seconds:.1f} s ({run.steps_per_second:,.0f} transitions/s, "
         f"{run.updates_per_second:,.0f} updates/s)"
     )
     for said in filter(None, (problem.summary, problem.place.synthetic, problem.walker.remark)):
-        print(said)
+        print_text(said)
     first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
     unit = "min" if problem.objective.is_time else "min of cost"
-    print(f"greedy test walks: {first:.1f} {unit} after the first round, {last:.1f} after the last, ", end="")
-    print(f"{run.best_minutes:.1f} at best" + ("" if run.folder is None else f"; model: {run.folder}"))
+    walks = f"{first:.1f} {unit} after the first round, {last:.1f} after the last, {run.best_minutes:.1f} at best"
+    print_text(f"greedy test walks: {walks}")
+    if run.folder is not None:
+        print(f"Model: {run.folder}")
