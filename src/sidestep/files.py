@@ -35,7 +35,7 @@ def output_folder(path: Path) -> Path:
     return path
 
 
-def check_apart(out: Path, read: Iterable[str | Path | None]) -> None:
+def check_apart(out: Path, read: Iterable[str | Path | None], option: str = "out") -> None:
     """Refuse to write to a file that is read, whatever name it goes by.
 
     Parameters
@@ -44,17 +44,20 @@ def check_apart(out: Path, read: Iterable[str | Path | None]) -> None:
         The file to write to.
     read
         Files that are read, and folders of such; None and names of files that do not exist count for nothing.
+    option
+        What names the file to write to.
 
     Raises
     ------
     OutputError
-        One of them, also as a link (field ``out``).
+        One of them, also as a link; the field is the option.
     """
     for each in (Path(name) for name in read if name is not None):
         for file in each.iterdir() if each.is_dir() else (each,):
             if _same(out, file):
                 raise OutputError(
-                    f"--out must be another file than {file}, which is read and stays as it is", field="out"
+                    f"--{option.replace('_', '-')} must be another file than {file}, which is read and stays as it is",
+                    field=option,
                 )
 
 

@@ -37,13 +37,14 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, Callable[[], objec
             with open(slave, "w", encoding="utf-8") as terminal, monkeypatch.context() as patch:  # noqa: PTH123
                 patch.delenv("COLUMNS", raising=False)
                 patch.setenv("TERM", "xterm-256color")
-                patch.setattr(sys, "stdout", terminal)
+                for stream in ("stdout", "stderr"):
+                    patch.setattr(sys, stream, terminal)
                 call()
         finally:
             os.dup2(before, 0)
             os.close(before)
             reader.join()
             os.close(master)
-        return re.sub(r"\x1b\[[0-9;]*m", "", b"".join(written).decode()).splitlines()
+        return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", b"".join(written).decode()).splitlines()
 
     return show

@@ -1,8 +1,10 @@
 """Text and tables on terminals and in pipes."""
 
+import re
+
 import pytest
 
-from sidestep.cli.console import print_table, print_text
+from sidestep.cli.console import print_table, print_text, progress
 
 SOURCES = "Streets: © somebody [ODbL 1.0]. Crowds: counts of a city :walking: that says whose they are, and why."
 
@@ -84,3 +86,25 @@ def test_pipes_get_all_columns(capsys, monkeypatch, columns: str | None) -> None
     assert "Left out" not in out
     assert all(cell in out for cell in ROWS[0][:4])
     assert (ROWS[0][4] in out) == (columns is None)  # wrapped, if COLUMNS says so
+
+
+# --- Progress -------------------------------------------------------------------------------------------------------
+
+
+def walk() -> None:
+    with progress("comparing", 1_200, "walks") as advance:
+        advance("map 0, darp", 0)
+        advance("map 0, darp", 300)
+        advance("map 0, expected")
+
+
+def test_a_bar_has_a_rate_and_a_remaining_time(screen) -> None:
+    text = " ".join(" ".join(screen(120, walk)).split())
+    assert "301/1,200 walks" in text
+    assert re.search(r"[\d.e+,]+ walks/s, \d+:\d\d:\d\d left", text)
+    assert "map 0, expected" in text
+
+
+def test_there_is_no_bar_in_pipes(capsys) -> None:
+    walk()
+    assert capsys.readouterr() == ("", "")

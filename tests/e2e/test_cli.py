@@ -157,6 +157,24 @@ def test_compare_takes_several_walkers(sidestep, monkeypatch):
     assert {"older (1.16 m/s)", "older (0.67 m/s)"} <= set(re.findall(r"^ +(older \(.*?\)) ", table, re.MULTILINE))
 
 
+def test_compare_writes_single_walks(sidestep, model, tmp_path):
+    out = tmp_path / "new" / "walks.csv"
+    args = (*COMPARE, "--maps", 1, "--planners", "expected", "--walker", "adult,older", "--walks-out")
+    done = sidestep(*args, out, "--law", "weidmann")
+    assert done.returncode == 0, done.stderr
+    assert f"Walks: {out}" in done.stdout
+    lines = out.read_text().splitlines()
+    assert len(lines) == 1 + 2 * 3 * 3  # walkers, planners, walks
+    assert len({line.split(",")[1] for line in lines[1:]}) == 2
+    before = {file.name: file.read_bytes() for file in model.iterdir()}
+    for name in ("model.eqx", "walks.txt"):
+        args = ["compare", *map(str, GRID), "--model", str(model), "--walks-out", str(model / name)]
+        with pytest.raises(SidestepError) as caught:
+            cli.app(args, exit_on_error=False, print_error=False)
+        assert caught.value.field == "walks_out"
+    assert {file.name: file.read_bytes() for file in model.iterdir()} == before
+
+
 def test_the_same_seed_gives_the_same_numbers(sidestep):
     args = (*COMPARE, "--maps", 2, "--planners", "random-walk,expected", "--json")
 

@@ -201,6 +201,15 @@ def test_maps_are_reported_in_order() -> None:
     assert seen == [(index, ["clairvoyant", "expected", "shortest-path"]) for index in (4, 2, 3)]
 
 
+def test_walks_are_reported_as_they_are_done(monkeypatch) -> None:
+    monkeypatch.setattr(comparing, "CHUNK", 3)
+    seen = []
+    compare(TINY, chosen(), maps=(1,), walks=7, on_walks=lambda *done: seen.append(done))
+    names = ["shortest-path", "expected", "clairvoyant"]
+    made = [(1, name, 0) for name in names]
+    assert seen == made + [(1, name, walks) for walks in (3, 3, 1) for name in names]
+
+
 def test_a_planner_may_skip_maps() -> None:
     planners = chosen("expected") | {"late": lambda _place, index: RandomWalk() if index < 1 else None}
     result = compare(TINY, planners, maps=(0, 1), walks=3)

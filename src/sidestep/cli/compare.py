@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sidestep.evaluation.compare import Results
+    from sidestep.scenarios.model import Scenario
 
 
 LEAST_FIRST = (
@@ -38,6 +39,7 @@ def compare(
     changes: options.Changes = options.UNCHANGED,
     seed: options.Seed = 0,
     workers: options.Workers = None,
+    walks_out: Path | None = None,
     as_json: options.Json = False,
 ) -> None:
     """Compare planners on the same maps and through the same crowds, also for several walkers: --walker adult,older.
@@ -60,6 +62,8 @@ def compare(
         destinations in real places.
     against
         Planner that the others' minutes are set against.
+    walks_out
+        File for the single walks, .csv or .parquet: a row for each walk and planner.
     """
     options.check_least(seed=seed, maps=maps, walks=walks, workers=workers)
     options.check_minutes(by=by)
@@ -81,24 +85,45 @@ def compare(
         for problem in options.read_scenarios(scenario, changes)
     ]
     numbers = lineups[0].map_numbers(maps)
-    results = []
-    with progress("comparing", len(lineups) * len(numbers), 1, "maps") as advance:
-        for chosen in lineups:
-            compared = run(
+    if walks_out is not None:
+        check_walks_out(walks_out, scenario, lineups[0].scenario, model or ())
+    each = walks or lineups[0].scenario.walks
+    total = each * len(numbers) * sum(len(chosen.factories) for chosen in lineups)
+    with progress("comparing", total, "walks") as advance:
+        every = [
+            run(
                 chosen.scenario,
                 chosen.factories,
                 maps=numbers,
-                walks=walks or chosen.scenario.walks,
+                walks=each,
                 seed=seed,
                 workers=workers or options.processors(),
                 destinations=destinations,
-                on_map=lambda index, _: advance(f"map {index}"),
+                on_walks=lambda index, planner, walked: advance(f"map {index}, {planner}", walked),
             )
-            results.append(compared.to_json(by, chosen.baseline))
+            for chosen in lineups
+        ]
+    if walks_out is not None:
+        from sidestep.evaluation.walk_table import save_walks
+
+        save_walks([compared.to_frame() for compared in every], walks_out)
+    results = [found.to_json(by, chosen.baseline) for found, chosen in zip(every, lineups, strict=True)]
     if as_json:
         print(json.dumps(results if len(results) > 1 else results[0], indent=2, ensure_ascii=False))
     else:
         show_results(*results)
+        if walks_out is not None:
+            print(f"Walks: {walks_out}")
+
+
+def check_walks_out(out: Path, name: str, scenario: "Scenario", models: "Sequence[Path]") -> None:
+    """Refuse, before long work begins, a file that walks cannot be written to."""
+    from sidestep.evaluation.walk_table import check_walks_file
+    from sidestep.files import check_apart
+    from sidestep.scenarios.reader import files_of
+
+    check_apart(out, (*files_of(name, scenario), *models), "walks_out")
+    check_walks_file(out)
 
 
 def show_results(*compared: "Results") -> None:

@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from itertools import count
+from datetime import timedelta
 from textwrap import wrap
 from time import perf_counter
 
@@ -17,43 +17,45 @@ GAP = 3
 
 
 @contextmanager
-def progress(what: str, total: int, each: int, unit: str) -> Iterator[Callable[[str], None]]:
+def progress(what: str, total: int, unit: str) -> Iterator[Callable[..., None]]:
     """Show a bar with rate and time left on standard error, or nothing where that is no terminal.
 
     Parameters
     ----------
     what
         Text before the bar.
-    total
-        Number of calls of the yielded function that fill the bar.
-    each, unit
-        What one call stands for, such as 2560 steps.
+    total, unit
+        How much there is to do, such as 10 maps.
 
     Yields
     ------
     Callable
-        Moves the bar one call further, with a note.
+        Shows a note, and moves the bar on by the second argument, 1 by default. Threads may call it.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
     bar = Progress(
+        SpinnerColumn(),
         TextColumn("{task.description}"),
         BarColumn(bar_width=20),
         TextColumn("{task.completed:,.0f}/{task.total:,.0f} " + unit),
         TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(compact=True),
         TextColumn("{task.fields[note]}"),
         console=Console(stderr=True),
         disable=not sys.stderr.isatty(),
         transient=True,
     )
-    task = bar.add_task(what, total=total * each, rate="", note="")
-    began, done = perf_counter(), count(each, each)
+    task = bar.add_task(what, total=total, rate="", note="")
+    began = perf_counter()
 
-    def advance(note: str) -> None:
-        rate = f"{next(done) / (perf_counter() - began):,.3g} {unit}/s"
-        bar.update(task, advance=each, rate=rate, note=note)
+    def advance(note: str, done: int = 1) -> None:
+        bar.update(task, advance=done, note=note)
+        if completed := bar.tasks[0].completed:
+            # Over all that was done: the latest steps may have waited for nothing that the next ones wait for.
+            rate = completed / (perf_counter() - began)
+            left = timedelta(seconds=round((total - completed) / rate))
+            bar.update(task, rate=f"{rate:,.3g} {unit}/s, {left} left")
 
     with bar:
         yield advance

@@ -13,6 +13,7 @@ from sidestep.cli.console import print_table, print_text, progress
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
+    from sidestep.agent.runs import TrainingRun
     from sidestep.experiments.trade_off import TradeOff
 
 
@@ -24,8 +25,12 @@ def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: op
     from sidestep.files import output_folder
 
     picture = output_folder(out) / "map.png"
-    with progress("training on one congested map", CONFIG.rounds, CONFIG.round_steps, "steps") as advance:
-        compared = demonstrate(picture, seed, lambda run: advance(f"greedy walk {run.test_minutes.mean():.0f} min"))
+    with progress("training on one congested map", CONFIG.rounds * CONFIG.round_steps, "steps") as advance:
+
+        def on_round(run: "TrainingRun") -> None:
+            advance(f"greedy walk {run.test_minutes.mean():.0f} min", CONFIG.round_steps)
+
+        compared = demonstrate(picture, seed, on_round)
     results = compared.to_json()
     if as_json:
         print(json.dumps(results, indent=2))
@@ -62,7 +67,7 @@ def reproduce(
     output_folder(out)
     plan = replace(QUICK, seed=seed) if quick else Plan(maps=maps, seed=seed)
     threads, began = workers or options.processors(), perf_counter()
-    with progress("reproducing", plan.total, 1, "maps") as advance:
+    with progress("reproducing", plan.total, "maps") as advance:
         results = run(plan, out, threads, lambda condition: advance(condition.replace("_", ", ")), rule)
     if as_json:
         print(json.dumps(results.to_json(), indent=2))
@@ -120,7 +125,7 @@ def trade_off(
     problem, names = options.read_scenario(scenario, changes), options.names_in(planners)
     check_apart(out, files_of(scenario, problem))
     output_folder(out.parent)
-    with progress("weighing", len(steps), 1, "weights") as advance:
+    with progress("weighing", len(steps), "weights") as advance:
         found = run(
             problem,
             planners=names,

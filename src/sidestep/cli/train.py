@@ -93,11 +93,11 @@ def train(
     what = f"training on {scenario}, map {index}"
     trained: list[Metadata] = []
     try:
-        with progress(what, config.rounds - before, config.round_steps, "transitions") as advance:
+        with progress(what, (config.rounds - before) * config.round_steps, "transitions") as advance:
 
             def on_round(run: "TrainingRun") -> None:
                 trained[:] = [run.metadata]
-                advance(f"greedy walk {run.test_minutes.mean():.0f} min")
+                advance(f"greedy walk {run.test_minutes.mean():.0f} min", config.round_steps)
 
             run = runs.train(
                 problem,

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from typing import Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import jax
 import numpy as np
@@ -21,6 +21,9 @@ from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.streets import walker_facts
+
+if TYPE_CHECKING:
+    from sidestep.evaluation.walk_table import WalkTable
 
 CHUNK = 200
 """Most walks whose futures are held in memory at a time."""
@@ -71,8 +74,8 @@ class Comparison:
     """The walks of a comparison."""
 
     scenario: Scenario
-    maps: int
-    """Number of maps."""
+    map_numbers: tuple[int, ...]
+    """Numbers of the maps, in the order in which they were walked."""
 
     walks: int
     """Number of walks on each map."""
@@ -80,6 +83,26 @@ class Comparison:
     seed: int
     records: dict[str, Record]
     """Walks by planner."""
+
+    @property
+    def maps(self) -> int:
+        """Number of maps."""
+        return len(self.map_numbers)
+
+    def to_frame(self) -> "WalkTable":
+        """Put the walks into a table, one row for each walk and planner, as ``compare --walks-out`` writes them.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns ``scenario``, ``walker``, ``seed``, ``map``, ``walk`` (from 0 on each map), ``planner``, ``level``,
+            ``minutes`` (the horizon where it did not arrive) and ``arrived``; with an objective also ``cost_minutes``,
+            ``exposure`` (person·s/m²), ``metres`` and ``too_dense``. The same ``map`` and ``walk`` is the same walk
+            through the same crowds for every planner.
+        """
+        from sidestep.evaluation.walk_table import walk_table  # pandas takes 0.3 s to import
+
+        return walk_table(self.scenario, self.seed, self.map_numbers, self.records)
 
     def to_json(self, by: float | None = None, baseline: str = BASELINE) -> Results:
         """Sum up in the shape of ``compare --json`` and ``results.json``.
@@ -130,6 +153,7 @@ def compare(
     workers: int = 1,
     destinations: int | None = None,
     on_map: Callable[[int, dict[str, Record]], None] = lambda _index, _records: None,
+    on_walks: Callable[[int, str, int], None] = lambda _index, _planner, _walks: None,
 ) -> Comparison:
     """Walk the same maps through the same crowds with every planner.
 
@@ -155,6 +179,9 @@ def compare(
         from anywhere to anywhere in towns.
     on_map
         Called with a map's number and its walks by planner as each map is done, in the order of ``maps``.
+    on_walks
+        Called with a map's number, a planner and the number of walks that it has just done there: 0 as it is made,
+        which may be a training. Workers call it in their own threads.
 
     Returns
     -------
@@ -178,7 +205,7 @@ def compare(
     """
     if not maps or walks < 1 or workers < 1:
         raise PlannerError(f"nothing to compare: {len(maps)} maps, {walks} walks, {workers} workers")
-    one = partial(_walk_map, scenario, planners, walks, seed, destinations)
+    one = partial(_walk_map, scenario, planners, walks, seed, destinations, on_walks)
     collected: dict[str, list[Record]] = {name: [] for name in planners}
     pool = ThreadPoolExecutor(workers)
     try:
@@ -195,17 +222,26 @@ def compare(
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
     records = {name: join_records(found, np.stack) for name, found in collected.items() if found}
-    return Comparison(scenario, len(maps), walks, seed, records)
+    return Comparison(scenario, tuple(maps), walks, seed, records)
 
 
 def _walk_map(
-    scenario: Scenario, planners: Factories, walks: int, seed: int, destinations: int | None, index: int
+    scenario: Scenario,
+    planners: Factories,
+    walks: int,
+    seed: int,
+    destinations: int | None,
+    on_walks: Callable[[int, str, int], None],
+    index: int,
 ) -> dict[str, Record]:
     """Walk map number ``index`` with all planners."""
     scenario_map = draw_map(scenario, seed, index)
     episodes.check_paths(scenario_map)
-    made = {name: factory(scenario_map, index) for name, factory in planners.items()}
-    chosen = {name: planner for name, planner in made.items() if planner is not None}
+    chosen: dict[str, Planner] = {}
+    for name, factory in planners.items():
+        on_walks(index, name, 0)
+        if (planner := factory(scenario_map, index)) is not None:
+            chosen[name] = planner
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Record]] = {name: [] for name in chosen}
     pairs = scenario.place.anywhere and destinations is None
@@ -221,6 +257,7 @@ def _walk_map(
         key = jax.random.fold_in(key, part) if part else key
         for name, planner in chosen.items():
             collected[name].append(_walk(planner, params, todo, key))
+            on_walks(index, name, min(size, walks - part * size))
     return {name: join_records(found, lambda each: np.concatenate(each)[:walks]) for name, found in collected.items()}
 
 
