@@ -38,7 +38,7 @@ def progress(what: str, total: int, unit: str) -> Iterator[Callable[..., None]]:
     bar = Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
-        BarColumn(bar_width=20),
+        BarColumn(bar_width=None),  # as wide as the texts leave room for
         TextColumn("{task.completed:,.0f}/{task.total:,.0f} " + unit),
         TextColumn("{task.fields[rate]}"),
         TextColumn("{task.fields[note]}"),
@@ -53,9 +53,9 @@ def progress(what: str, total: int, unit: str) -> Iterator[Callable[..., None]]:
         bar.update(task, advance=done, note=note)
         if completed := bar.tasks[0].completed:
             # Over all that was done: the latest steps may have waited for nothing that the next ones wait for.
-            rate = completed / (perf_counter() - began)
+            rate = completed / max(perf_counter() - began, 1e-9)
             left = timedelta(seconds=round((total - completed) / rate))
-            bar.update(task, rate=f"{rate:,.3g} {unit}/s, {left} left")
+            bar.update(task, rate=f"{rate:,.{2 if rate < 100 else 0}f}/s, {left} left")
 
     with bar:
         yield advance

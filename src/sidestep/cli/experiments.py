@@ -25,7 +25,7 @@ def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: op
     from sidestep.files import output_folder
 
     picture = output_folder(out) / "map.png"
-    with progress("training on one congested map", CONFIG.rounds * CONFIG.round_steps, "steps") as advance:
+    with progress("training", CONFIG.rounds * CONFIG.round_steps, "steps") as advance:
 
         def on_round(run: "TrainingRun") -> None:
             advance(f"greedy walk {run.test_minutes.mean():.0f} min", CONFIG.round_steps)

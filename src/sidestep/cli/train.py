@@ -90,10 +90,9 @@ def train(
     problem = options.read_scenario(scenario, changes)
     config = preset_for(problem, preset, level).changed(**options.changed_fields(settings))
     before = len(read_metadata(out).curve) if resume and out is not None else 0
-    what = f"training on {scenario}, map {index}"
     trained: list[Metadata] = []
     try:
-        with progress(what, (config.rounds - before) * config.round_steps, "transitions") as advance:
+        with progress("training", (config.rounds - before) * config.round_steps, "steps") as advance:
 
             def on_round(run: "TrainingRun") -> None:
                 trained[:] = [run.metadata]
