@@ -31,6 +31,8 @@ sidestep.register_planner(planner)
 lineup = sidestep.choose_planners(problem, ["greedy-map"])
 comparison = sidestep.compare(problem, lineup.factories, maps=[0], walks=10)
 assert_type(comparison.to_json()["planners"]["expected"]["mean_minutes"], float)
+assert_type(comparison.to_json()["planners"]["expected"]["saving_vs_shortest_path"], float | None)
+comparison.to_frame().groupby("planner")["minutes"].mean()
 
 try:
     router = sidestep.Router("helsinki")
