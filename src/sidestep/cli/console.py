@@ -133,11 +133,11 @@ def _widths(heading: str, *cells: str) -> tuple[int, int]:
     """How narrow a column may become, and how wide it would be: numbers, words and short texts stay whole."""
     from rich.cells import cell_len
 
-    longest = max(map(cell_len, cells), default=0)
-    words = [cell_len(word) for text in (heading.removeprefix(">"), *cells) for word in text.split()]
-    whole = longest if heading.startswith(">") or longest <= SHORT else LEAST
+    said, longest = heading.removeprefix(">"), max(map(cell_len, cells), default=0)
+    words = [cell_len(word) for text in (said, *cells) for word in text.split()]
+    whole = longest if said != heading or longest <= SHORT else LEAST
     least = max([whole, *words])
-    return least, max(least, longest)
+    return least, max(least, longest, cell_len(said))
 
 
 def _shared(widths: dict[str, tuple[int, int]], spare: int) -> dict[str, int]:
