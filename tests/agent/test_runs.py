@@ -200,7 +200,7 @@ def test_what_cannot_be_learned_is_refused_before_anything_is_written(tmp_path: 
     out = tmp_path / "model"
     with pytest.raises(ScenarioError):
         train(PROBLEM, CONFIG.changed(destinations=9, futures=64), out=out)
-    with pytest.raises(ScenarioError):
+    with pytest.raises(TrainConfigError):
         train(PROBLEM, CONFIG, seed=-1, out=out)
     with pytest.raises(TrainConfigError):
         train(PROBLEM, CONFIG.changed(rounds=0), out=out)

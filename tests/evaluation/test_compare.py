@@ -244,14 +244,22 @@ def test_a_planner_that_skips_a_map_skips_all_later_ones() -> None:
 
 @pytest.mark.parametrize("nothing", [{"maps": ()}, {"walks": 0}, {"workers": 0}])
 def test_nothing_to_compare(nothing: dict) -> None:
-    with pytest.raises(PlannerError, match="nothing to compare"):
+    with pytest.raises(PlannerError) as caught:
         compare(TINY, chosen(), **{"maps": (0,), "walks": 1, "workers": 1} | nothing)
+    assert caught.value.field in nothing
+
+
+def test_factories_make_planners() -> None:
+    for factory, field in ((lambda *_: None, "maps"), (lambda *_: "expected", "planners")):
+        with pytest.raises(PlannerError) as caught:
+            compare(TINY, {"mine": factory}, maps=(0,), walks=1)
+        assert caught.value.field == field
 
 
 def test_nothing_is_set_against_planners_that_did_not_walk(found) -> None:
     with pytest.raises(PlannerError) as caught:
         found.to_json(baseline="darp")
-    assert caught.value.field == "against"
+    assert caught.value.field == "baseline"
     alone = compare(TINY, {"alone": lambda *_: RandomWalk()}, maps=(0,), walks=3)
     with pytest.raises(PlannerError):
         alone.to_json(baseline="alone")

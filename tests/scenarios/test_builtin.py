@@ -50,9 +50,9 @@ def test_fields_may_be_changed() -> None:
 @pytest.mark.parametrize(
     ("name", "hint"),
     [
-        ("paper-congestd", "did you mean paper-congested?"),
-        ("unblocked", "did you mean paper-unblocked?"),
-        ("zoo", "there are paper-unblocked, paper-congested"),
+        ("paper-congestd", "; did you mean paper-congested, or a file such as my-town/scenario.toml?"),
+        ("unblocked", "; did you mean paper-unblocked, or a file"),
+        ("zoo", "; choose from paper-unblocked, paper-congested"),
     ],
 )
 def test_unknown_names(name: str, hint: str) -> None:

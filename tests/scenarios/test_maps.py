@@ -112,10 +112,11 @@ def test_origin_and_destination_are_never_crowded_and_all_others_may_be() -> Non
     assert chosen == {1, 2}
 
 
-@pytest.mark.parametrize(("seed", "index"), [(-1, 0), (0, -1)])
-def test_maps_are_counted_from_zero(seed: int, index: int) -> None:
-    with pytest.raises(ScenarioError, match="must not be negative"):
+@pytest.mark.parametrize(("seed", "index", "field"), [(-1, 0, "seed"), (0, -1, "index")])
+def test_maps_are_counted_from_zero(seed: int, index: int, field: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
         draw_map(scenario("paper-congested"), seed, index)
+    assert caught.value.field == field
 
 
 # --- Rush hours -----------------------------------------------------------------------------------------------------

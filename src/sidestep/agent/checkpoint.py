@@ -16,6 +16,7 @@ from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy, deployed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.train import TrainState, prepare
+from sidestep.arguments import PATH, checked
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
 from sidestep.network.graph import road_network
@@ -147,6 +148,7 @@ def load(folder: Path) -> Checkpoint:
     return Checkpoint(metadata, eqx.tree_at(lambda s: s.key, state, jax.random.wrap_key_data(state.key)))
 
 
+@checked(CheckpointError, folder=PATH)
 def load_model(folder: Path | str) -> Model:
     """Read what was learned.
 
@@ -163,7 +165,7 @@ def load_model(folder: Path | str) -> Model:
     Raises
     ------
     CheckpointError
-        The folder holds no model, one of another format, or a damaged one.
+        No folder (field ``folder``); it holds no model, one of another format, or a damaged one.
 
     Examples
     --------

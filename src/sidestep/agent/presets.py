@@ -12,9 +12,10 @@ Examples
 from typing import Literal, get_args
 
 from sidestep.agent.config import TrainConfig, TrainConfigError
+from sidestep.arguments import FLAG, checked, whole
 from sidestep.environment.types import LEVELS, Information
+from sidestep.errors import hint
 from sidestep.scenarios.model import Scenario
-from sidestep.scenarios.spec import hint
 from sidestep.scenarios.streets import walked_streets
 
 Preset = Literal["default", "paper", "dqn", "tabular-q"]
@@ -74,6 +75,7 @@ and corrections to them seldom right.
 """
 
 
+@checked(TrainConfigError, several_maps=FLAG, nodes=whole())
 def preset(name: Preset, level: Information = "position", *, several_maps: bool = False, nodes: int = 0) -> TrainConfig:
     """Get a way to learn by its name.
 
@@ -109,7 +111,7 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
     """
     for field, value, known in (("preset", name, get_args(Preset)), ("level", level, LEVELS)):
         if value not in known:
-            raise TrainConfigError(f"unknown {field} {value!r:.60}{hint(str(value), list(known))}", field=field)
+            raise TrainConfigError(f"unknown {field} {value!r:.60}{hint(value, known)}", field=field)
     if several_maps and level == "position":
         raise TrainConfigError(
             "coordinates mean nothing on maps that were never walked; train at another level", field="level"

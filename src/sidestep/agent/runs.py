@@ -11,12 +11,13 @@ import numpy as np
 from jaxtyping import Float
 
 from sidestep.agent.checkpoint import CHECKPOINT, MODEL, Checkpoint, CheckpointError, Metadata, load, save
-from sidestep.agent.config import TrainConfig
+from sidestep.agent.config import TrainConfig, TrainConfigError
 from sidestep.agent.train import TrainState, training_rounds
+from sidestep.arguments import FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
 from sidestep.files import output_folder
 from sidestep.scenarios.episodes import check_paths, destinations_of
 from sidestep.scenarios.maps import draw_training_map
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import A_SCENARIO, Scenario
 
 SAVE_SECONDS = 2.0
 """Time between two checkpoints, s."""
@@ -67,13 +68,23 @@ class TrainingRun(Checkpoint):
 OnRound = Callable[[TrainingRun], None]
 
 
+@checked(
+    TrainConfigError,
+    scenario=A_SCENARIO,
+    config=instance(TrainConfig, "settings, such as sidestep.preset('default')"),
+    seed=SEED,
+    index=INDEX,
+    out=PATH,
+    resume=FLAG,
+    on_round=FUNCTION,
+)
 def train(
     scenario: Scenario,
     config: TrainConfig,
     *,
     seed: int = 0,
     index: int = 0,
-    out: Path | None = None,
+    out: Path | str | None = None,
     resume: bool = False,
     overwrite: bool = False,
     on_round: OnRound = lambda _run: None,
@@ -111,6 +122,8 @@ def train(
     CheckpointError
         There is nothing to resume, or it was trained otherwise or to the end; or ``out`` has a model that is neither to
         be resumed nor overwritten (field ``out``), or both (``overwrite``).
+    TrainConfigError
+        Anything that is not as above; the parameter is its field.
     ScenarioError
         There are fewer destinations than are to be learned, or no way on from a crossing.
     OutputError
@@ -124,6 +137,7 @@ def train(
     >>> len(run.metadata.curve), run.model.q_network.crossings
     (2, 9)
     """
+    out = None if out is None else Path(out)
     _check_folder(out, resume=resume, overwrite=overwrite)
     drawn = draw_training_map(scenario, seed, index)
     # What nobody can learn is refused before anything is written.

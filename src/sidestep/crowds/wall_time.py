@@ -4,7 +4,6 @@ Departures, opening hours, counts and "now" are all local wall times without an 
 knows timezones; `tzdata` brings their rules where the system has none.
 """
 
-import difflib
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from zoneinfo import ZoneInfo, available_timezones
@@ -12,7 +11,7 @@ from zoneinfo import ZoneInfo, available_timezones
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from sidestep.errors import SidestepError
+from sidestep.errors import SidestepError, hint
 
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 Hours = Shaped[np.ndarray, " hour"]
@@ -45,9 +44,8 @@ def timezone_of(name: str) -> ZoneInfo:
         A name that is not known.
     """
     if name not in _names():
-        close = difflib.get_close_matches(name, _names(), n=1)
-        said = f"; did you mean {close[0]}?" if close else ", such as Europe/Helsinki"
-        raise TimezoneError(f"timezone must be an IANA name, not {name!r:.60}{said}", field="timezone")
+        meant = hint(name, sorted(_names()), "another such as Europe/Helsinki")
+        raise TimezoneError(f"timezone must be an IANA name, not {name!r:.60}{meant}", field="timezone")
     return ZoneInfo(name)
 
 

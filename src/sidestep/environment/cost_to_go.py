@@ -17,7 +17,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import crossings, static_crossing, static_crossing_in, with_mean_waits
-from sidestep.environment.types import DENSITY_SCALE, EnvParams, ExpectedCostToGo, Instance, LiveCostToGo
+from sidestep.environment.types import (
+    DENSITY_SCALE,
+    EnvParams,
+    ExpectedCostToGo,
+    Instance,
+    KnowledgeError,
+    LiveCostToGo,
+)
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import SpeedField, Speeds
@@ -33,6 +40,7 @@ WINDOW = 24
 """Slots that a forecast looks ahead; beyond, crowds are taken to be as expected."""
 GATE_STEP = 60.0
 """Seconds between the clocks for which costs are tabulated where they jump as gates shut."""
+_TOO_LOW = "the environment was made for a level below"
 Destination = Bool[Array, " node"]
 """Nodes of the destination; the nearest one counts."""
 Ahead = Callable[[Float[Array, " counter"], Float[Array, ""], Int[Array, ""]], SpeedField]
@@ -296,11 +304,11 @@ def known_cost_to_go(params: EnvParams) -> ExpectedCostToGo:
 
     Raises
     ------
-    ValueError
+    KnowledgeError
         An environment that was made for a lower level.
     """
     if params.cost_to_go is None:
-        raise ValueError("the environment was made for a level below map: no expected costs are known")
+        raise KnowledgeError(f"{_TOO_LOW} map: no expected costs are known", field="level")
     return params.cost_to_go
 
 
@@ -314,11 +322,11 @@ def known_live_cost_to_go(params: EnvParams) -> LiveCostToGo:
 
     Raises
     ------
-    ValueError
+    KnowledgeError
         An environment that was made for a lower level.
     """
     if params.futures.cost_to_go is None:
-        raise ValueError("the environment was made for a level below live: no forecasts are known")
+        raise KnowledgeError(f"{_TOO_LOW} live: no forecasts are known", field="level")
     return params.futures.cost_to_go
 
 
@@ -327,7 +335,7 @@ def check_known(params: EnvParams, instances: Instance) -> None:
 
     Raises
     ------
-    ValueError
+    KnowledgeError
         An environment that was made for a lower level; a destination that it was not made for; at level ``live``, or
         where hours differ, a future that is for another destination.
     """
@@ -337,11 +345,13 @@ def check_known(params: EnvParams, instances: Instance) -> None:
     number = np.asarray(known_cost_to_go(params).destination)[destination]
     if (number < 0).any():
         unknown = destination[number < 0][0]
-        raise ValueError(f"no costs of getting to node {unknown} are known; give it to make_environment as destination")
+        said = f"no costs of getting to node {unknown} are known"
+        raise KnowledgeError(f"{said}; give it to make_environment among the destinations", field="destinations")
     if params.level == "live":
         known_live_cost_to_go(params)
     elif params.expected.count == 1 and not params.waits.gates:
         return
     wrong = np.flatnonzero(number != np.asarray(params.futures.destination)[future])
     if len(wrong):
-        raise ValueError(f"walk {wrong[0]} meets future {future[wrong[0]]}, which is for another destination")
+        said = f"walk {wrong[0]} meets future {future[wrong[0]]}, which is for another destination"
+        raise KnowledgeError(f"{said}; take the walks of sidestep.instances", field="instances")

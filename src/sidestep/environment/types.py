@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from sidestep.errors import SidestepError
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.objective import Crossing, Objective, TravelTime
@@ -28,6 +29,10 @@ DENSITY_SCALE = 1.5
 """Factor of the densities in :attr:`ExpectedCostToGo.scaled`."""
 RECENT_NODES = 8
 """Nodes that a walker remembers having left."""
+
+
+class KnowledgeError(SidestepError):
+    """Walks, or decisions, that need to know more than an environment was made for."""
 
 
 class RewardWeights(eqx.Module):

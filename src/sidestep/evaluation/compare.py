@@ -12,14 +12,15 @@ import jax
 import numpy as np
 from jaxtyping import Array, Key
 
+from sidestep.arguments import COUNT, FUNCTION, INDEX, MINUTES, SEED, Rule, brief, checked, each
 from sidestep.environment.types import LEVELS, EnvParams, Instance
 from sidestep.evaluation.metrics import Record, Row, join_records, summarise
 from sidestep.planners.base import Planner, walk_plan
-from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
+from sidestep.planners.registry import A_NAME, BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import A_SCENARIO, Scenario
 from sidestep.scenarios.streets import walker_facts
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ class Comparison:
 
         return walk_table(self.scenario, self.seed, self.map_numbers, self.records)
 
+    @checked(PlannerError, by=MINUTES, baseline=A_NAME)
     def to_json(self, by: float | None = None, baseline: str = BASELINE) -> Results:
         """Sum up in the shape of ``compare --json`` and ``results.json``.
 
@@ -122,11 +124,12 @@ class Comparison:
         Raises
         ------
         PlannerError
-            The baseline, ``shortest-path`` or ``clairvoyant`` has not walked all maps.
+            The baseline, ``shortest-path`` or ``clairvoyant`` has not walked all maps (field ``baseline``).
         """
         for name in (baseline, REFERENCE, BOUND):
             if name not in self.records or self.records[name].maps < self.maps:
-                raise PlannerError(f"nothing can be set against {name!r}: it has not walked all maps", field="against")
+                found = f"{name!r:.60} has not walked all of these maps"
+                raise PlannerError(f"{found}; choose it among the planners to compare", field="baseline")
         return {
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,
@@ -143,6 +146,24 @@ class Comparison:
         }
 
 
+def _factories(value: Any) -> Factories:
+    if not isinstance(value, Mapping) or not value or not all(map(callable, value.values())):
+        raise TypeError
+    return value
+
+
+@checked(
+    PlannerError,
+    scenario=A_SCENARIO,
+    planners=Rule("must be functions that make planners, by name, such as choose_planners gives", _factories),
+    maps=each(INDEX, "a list of numbers of maps, such as range(3)"),
+    walks=COUNT,
+    seed=SEED,
+    workers=COUNT,
+    destinations=COUNT,
+    on_map=FUNCTION,
+    on_walks=FUNCTION,
+)
 def compare(
     scenario: Scenario,
     planners: Factories,
@@ -191,7 +212,7 @@ def compare(
     Raises
     ------
     PlannerError
-        Nothing to walk, or a planner that skips a map and walks a later one.
+        Anything that is not as above (the parameter is its field); a planner that skips a map and walks a later one.
 
     Examples
     --------
@@ -203,8 +224,6 @@ def compare(
     >>> rows["clairvoyant"]["gap"], rows["random-progress"]["gap"] > 0
     (0.0, True)
     """
-    if not maps or walks < 1 or workers < 1:
-        raise PlannerError(f"nothing to compare: {len(maps)} maps, {walks} walks, {workers} workers")
     one = partial(_walk_map, scenario, planners, walks, seed, destinations, on_walks)
     collected: dict[str, list[Record]] = {name: [] for name in planners}
     pool = ThreadPoolExecutor(workers)
@@ -240,8 +259,13 @@ def _walk_map(
     chosen: dict[str, Planner] = {}
     for name, factory in planners.items():
         on_walks(index, name, 0)
-        if (planner := factory(scenario_map, index)) is not None:
-            chosen[name] = planner
+        if (planner := factory(scenario_map, index)) is None:
+            continue
+        if not isinstance(planner, Planner):
+            raise PlannerError(f"what is called {name!r:.60} made {brief(planner)}, no planner", field="planners")
+        chosen[name] = planner
+    if not chosen:
+        raise PlannerError(f"no planner walks map {index}", field="maps")
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Record]] = {name: [] for name in chosen}
     pairs = scenario.place.anywhere and destinations is None

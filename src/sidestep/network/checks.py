@@ -5,7 +5,37 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Shaped
 
+from sidestep.arguments import Rule
 from sidestep.errors import SidestepError
+
+
+def array(kind: type[np.integer] | type[np.floating], must: str, *dimensions: int) -> Rule:
+    """Arrays of finite numbers, and lists that can be such, as an array of one kind.
+
+    Parameters
+    ----------
+    kind
+        The kind of numbers. Numbers with decimals are no whole numbers.
+    must
+        What the array is called after "must be".
+    *dimensions
+        How many dimensions it may have.
+
+    Returns
+    -------
+    Rule
+        For :func:`sidestep.arguments.checked`.
+    """
+
+    def read(value: Any) -> np.ndarray:
+        given = np.asarray(value)
+        if not given.size:
+            given = given.astype(kind)
+        if given.dtype.kind not in ("iu" if issubclass(kind, np.integer) else "iuf") or given.ndim not in dimensions:
+            raise TypeError
+        return np.asarray(value, kind)
+
+    return Rule(f"must be {must}", read)
 
 
 def check_each(

@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from sidestep.arguments import PATH, checked, instance
 from sidestep.files import check_unpacked, reading, whole_file
 from sidestep.network.geodesy import line_geometry
 from sidestep.network.graphml import read_graphml, write_graphml
@@ -43,6 +44,7 @@ def check_suffix(path: Path) -> str:
     return suffix
 
 
+@checked(TownError, town=instance(Town, "a town, such as sidestep.load_helsinki()"), path=PATH)
 def save_town(town: Town, path: str | Path) -> None:
     """Write a town, whole or not at all, in the format that the ending names: .npz, .graphml or .geojson.
 
@@ -68,6 +70,7 @@ def save_town(town: Town, path: str | Path) -> None:
         write(town, file)
 
 
+@checked(TownError, path=PATH)
 def load_town(path: str | Path) -> Town:
     """Read a town from our own format (.npz) or from GraphML, ours or osmnx's.
 

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int32
 
+from sidestep.arguments import COUNT, checked
 from sidestep.errors import SidestepError
-from sidestep.network.checks import check_each, check_edges
+from sidestep.network.checks import array, check_each, check_edges
 
 ABSENT = -1
 """Stands where there is no street: in tables of nodes and segments, and in the paper's matrices D and P."""
@@ -20,6 +21,10 @@ SHUT = -2
 
 Areas = tuple[Int32[np.ndarray, " node"], Int32[np.ndarray, " segment"]]
 """:attr:`RoadNetwork.area` and :attr:`RoadNetwork.enters`."""
+
+
+_NODES = array(np.int32, "a list of numbers of nodes", 1)
+_POSITIONS = array(np.float32, "a list of x and y in metres", 2)
 
 
 class NetworkError(SidestepError):
@@ -240,8 +245,16 @@ class RoadNetwork(eqx.Module):
         -------
         Float[Array, "node node"]
             The value of the segment from node i to node j, -1 where there is none.
+
+        Raises
+        ------
+        NetworkError
+            Too few values, or too many (field ``value``).
         """
-        return jnp.full((self.nodes, self.nodes), float(ABSENT)).at[self.tail, self.head].set(value)
+        if jnp.shape(value) != (self.segments,):
+            said = f"value must be one number for each of the {self.segments} segments"
+            raise NetworkError(f"{said}, not of shape {jnp.shape(value)}", field="value")
+        return jnp.full((self.nodes, self.nodes), float(ABSENT)).at[self.tail, self.head].set(jnp.asarray(value))
 
     def straight_line(self, node: Int[Array, ""], destination: Int[Array, ""]) -> Float[Array, ""]:
         """Compute the straight-line distance to a destination (the paper's phi).
@@ -259,6 +272,16 @@ class RoadNetwork(eqx.Module):
         return jnp.linalg.norm(self.position[node] - self.position[destination])
 
 
+@checked(
+    NetworkError,
+    position=_POSITIONS,
+    tail=_NODES,
+    head=_NODES,
+    length=array(np.float32, "a list of metres", 1),
+    width=array(np.float32, "metres, one number or a list", 0, 1),
+    exit_of=array(np.int32, "a list of numbers of exits", 1),
+    exits=COUNT,
+)
 def road_network(
     position: Sequence[Sequence[float]] | np.ndarray,
     tail: Sequence[int] | np.ndarray,
@@ -321,8 +344,12 @@ def road_network(
             f"{len(head)} heads and {len(length)} lengths",
             field="tail",
         )
+    if position.shape[1:] != (len(("x", "y")),) or not np.isfinite(position).all():
+        raise NetworkError("position must be x and y in metres, two finite numbers for each node", field="position")
     check_edges(NetworkError, "segment", nodes, {"tail": tail, "head": head, "length": length, "width": width})
     exit_of = np.asarray(_rank_within(tail) if exit_of is None else exit_of, np.int32)
+    if exit_of.shape != tail.shape:
+        raise NetworkError(f"there are {segments} segments, but {len(exit_of)} exits", field="exit_of")
     exits = int(exit_of.max()) + 1 if exits is None else exits
     known = (exit_of >= 0) & (exit_of < exits)
     check_each(NetworkError, "segment", "exit_of", exit_of, known, f"be an exit, 0 to {exits - 1}")

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Mapping
 
+from sidestep.arguments import NUMBER
 from sidestep.errors import SidestepError
 from sidestep.network.access import Tags
 from sidestep.network.tags import FULL_WIDTH, WIDTHS, pavements
@@ -152,7 +153,7 @@ def width_table(changes: Mapping[str, float] | None) -> dict[str, float]:
                 f"{kind!r:.60} is not a kind of street whose width can be set; the kinds are {', '.join(WIDTHS)}",
                 field="widths",
             )
-        if not NARROWEST <= width <= WIDEST:
+        if not NARROWEST <= NUMBER(WidthError, f"widths.{kind}", width) <= WIDEST:
             raise WidthError(
                 f"the width of {kind} must be {NARROWEST} to {WIDEST:g} m, not {width}", field=f"widths.{kind}"
             )

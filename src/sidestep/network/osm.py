@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int64
 
+from sidestep.arguments import NUMBER, PATH, TEXT, checked, instance
 from sidestep.network import tags
 from sidestep.network.areas import cross_areas
 from sidestep.network.components import connect
@@ -62,6 +63,9 @@ class ImportReport:
     """Streets that leave the busiest crossing."""
 
 
+@checked(
+    OsmError, path=PATH, merge=NUMBER, widths=instance(Mapping, "a table of metres by kind of street"), attribution=TEXT
+)
 def import_osm(
     path: str | Path,
     *,

@@ -11,10 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, Key, PyTree
 
+from sidestep.arguments import COUNT, checked, instance
 from sidestep.environment.cost_to_go import check_known
 from sidestep.environment.dynamics import random_exit
 from sidestep.environment.rollout import Walk, walk
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
+from sidestep.errors import SidestepError
 
 
 class Plan(eqx.Module):
@@ -112,6 +114,10 @@ class Planner(Protocol):
         """
 
 
+class WalkError(SidestepError):
+    """Walks that nobody can walk: no planner, no environment, or none that fits."""
+
+
 @dataclass(frozen=True)
 class Route:
     """One whole walk, as numbers for people."""
@@ -193,7 +199,7 @@ def walk_plan(
 
     Raises
     ------
-    ValueError
+    KnowledgeError
         Walks about which the environment's level knows nothing.
     """
     keys = jax.random.split(key, instances.origin.shape[0])
@@ -202,6 +208,14 @@ def walk_plan(
     return _walk_all(planner.decide, params, plan, instances, keys, trace)
 
 
+@checked(
+    WalkError,
+    planner=instance(Planner, "a planner, such as sidestep.find_planner('expected')"),
+    params=instance(EnvParams, "an environment, such as sidestep.make_environment(scenario, scenario_map, 'test', 1)"),
+    instances=instance(Instance, "walks, such as sidestep.instances(scenario, scenario_map, params, walks=1)"),
+    key=instance(jax.Array, "a random key, such as jax.random.key(0)"),
+    trace=COUNT,
+)
 def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Array, ""], trace: int) -> list[Route]:
     """Plan and walk all instances, and list where each walk went.
 
@@ -220,6 +234,13 @@ def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Ar
     -------
     list of Route
         One for each instance.
+
+    Raises
+    ------
+    WalkError
+        Anything but a planner, an environment, walks, a key and a number of 1 or more; the parameter is its field.
+    KnowledgeError
+        Walks about which the environment's level knows nothing.
 
     Examples
     --------

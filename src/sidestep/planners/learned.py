@@ -14,6 +14,7 @@ from sidestep.agent.checkpoint import Metadata, Model, load_model
 from sidestep.agent.policy import Policy
 from sidestep.agent.presets import Preset, preset_for
 from sidestep.agent.runs import train
+from sidestep.arguments import checked, instance
 from sidestep.environment.types import EnvParams, Information, Instance, Observation
 from sidestep.errors import SidestepError
 from sidestep.planners.base import DecideByPlan, Plan, Planner
@@ -59,6 +60,7 @@ class Darp:
         return Plan(self.policy, jnp.asarray(np.zeros(instances.origin.shape[0])))
 
 
+@checked(ModelError, model=instance(Model, "a model, such as sidestep.load_model(folder)"))
 def trained_darp(model: Model) -> Darp:
     """Make a planner of a model.
 
@@ -71,6 +73,11 @@ def trained_darp(model: Model) -> Darp:
     -------
     Darp
         A planner for :func:`sidestep.compare`, :func:`sidestep.routes` and the like.
+
+    Raises
+    ------
+    ModelError
+        Anything but a model (field ``model``).
 
     Examples
     --------

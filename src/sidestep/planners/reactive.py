@@ -6,21 +6,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, Key
 
-from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
+from sidestep.environment.types import EnvParams, Information, Instance, KnowledgeError, Level, Observation
 from sidestep.planners.base import DecideByPlan, Plan
 
 
 def follow_estimate(_shared: None, _own: Array, observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
     """Take the exit of least estimated cost to go."""
     if observation.estimate is None:
-        raise ValueError("observations of level position hold no estimates; observe level local or higher")
+        said = "observations of level position hold no estimates; observe level local or higher"
+        raise KnowledgeError(said, field="observes")
     return jnp.argmin(jnp.where(observation.valid, observation.estimate, jnp.inf))
 
 
 def follow_snapshot(_shared: None, _own: Array, observation: Observation, _key: Key[Array, ""]) -> Int[Array, ""]:
     """Take the exit of least cost to go if all crowds stay as they are."""
     if observation.live is None:
-        raise ValueError("observations below level live hold no snapshots; observe level live")
+        raise KnowledgeError("observations below level live hold no snapshots; observe level live", field="observes")
     return jnp.argmin(jnp.where(observation.valid, observation.live.snapshot, jnp.inf))
 
 

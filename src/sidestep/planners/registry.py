@@ -7,24 +7,24 @@ There are three ways to make a planner of your own known, and then it works in `
 - on the command line, its place instead of a name: ``--planner my_module:MyPlanner``.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
 from inspect import getdoc
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
+from sidestep.arguments import COUNT, PATH, SEED, checked, each, instance, one_of
 from sidestep.environment.types import LEVELS, Information, Level
-from sidestep.errors import SidestepError
+from sidestep.errors import SidestepError, hint
 from sidestep.planners.base import Planner
 from sidestep.planners.random import RandomProgress, RandomWalk
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Clairvoyant, Expected
 from sidestep.scenarios.maps import ScenarioMap, draw_map
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import A_SCENARIO, Scenario
 
 REFERENCE = ShortestPath.name
 """The planner that savings are measured against."""
@@ -42,6 +42,10 @@ PlannerFactory = Callable[[ScenarioMap, int], Planner | None]
 """Makes the planner for a map and its number. None skips this map, and then all later ones."""
 
 PlannerSource = TypeVar("PlannerSource")
+
+
+A_NAME = instance(str, "the name of a planner, such as expected")
+"""What public functions take as a planner's name."""
 
 
 class PlannerError(SidestepError):
@@ -151,10 +155,8 @@ def _info(name: str) -> PlannerInfo:
         return _KNOWN[name]
     installed = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
     if ":" not in name and name not in installed:
-        every = [*_KNOWN, *installed]
-        close = get_close_matches(name, every, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(every)}, or give MODULE:NAME"
-        raise PlannerError(f"unknown planner {name!r:.60}; {hint}", field="planner")
+        meant = hint(name, [*_KNOWN, *installed], "MODULE:NAME of your own")
+        raise PlannerError(f"unknown planner {name!r:.60}{meant}", field="planner")
     place = installed.get(name, name)
     module, _, attribute = place.partition(":")
     try:
@@ -168,6 +170,7 @@ def _info(name: str) -> PlannerInfo:
     return found
 
 
+@checked(PlannerError, name=A_NAME)
 def find_planner(name: str) -> Planner:
     """Find a planner that need not be trained.
 
@@ -212,6 +215,7 @@ class Lineup:
     only_map: int | None = None
     """Number of the only map that they can walk, where one of them is a model that remembers its places."""
 
+    @checked(PlannerError, maps=COUNT)
     def map_numbers(self, maps: int | None = None) -> list[int]:
         """Number the maps to walk.
 
@@ -228,7 +232,7 @@ class Lineup:
         Raises
         ------
         PlannerError
-            Maps are asked for, but a model remembers a single one.
+            Not a number of maps, or any number where a model remembers a single one (field ``maps``).
         """
         if self.only_map is None:
             return list(range(self.scenario.maps if maps is None else maps))
@@ -237,11 +241,21 @@ class Lineup:
         return [self.only_map]
 
 
+@checked(
+    PlannerError,
+    scenario=A_SCENARIO,
+    names=each(A_NAME, "a list of names of planners", least=0),
+    models=each(PATH, "a list of folders of models", least=0),
+    against=A_NAME,
+    seed=SEED,
+    level=one_of(LEVELS),
+    destinations=COUNT,
+)
 def choose_planners(
     scenario: Scenario,
     names: Iterable[str] | None = None,
     *,
-    models: Sequence[Path] = (),
+    models: Iterable[Path | str] = (),
     against: str = BASELINE,
     seed: int = 0,
     level: Information | None = None,
@@ -291,7 +305,7 @@ def choose_planners(
     if models:
         from sidestep.planners.learned import load_planners
 
-        loaded = load_planners(models, scenario, seed, level)
+        loaded = load_planners([Path(folder) for folder in models], scenario, seed, level)
         loaded.check_destinations(draw_map(scenario, seed, loaded.index or 0), destinations)
         learned, only_map = loaded.planners, loaded.index
     if names is None:

@@ -80,6 +80,8 @@ def read_places(field: str, given: Places) -> list[AskedPlace]:
             places = list(_lines(field, Path(given), file.read().decode("utf-8-sig")))
     else:
         check_list(field, given)
+        if any(each is None for each in given):
+            raise RouteError(f"{called(field)} must be a place, not None", field=field)
         places = [
             each if isinstance(each, AskedPlace) else AskedPlace(field, read_place(field, each)) for each in given
         ]

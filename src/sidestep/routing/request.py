@@ -233,6 +233,12 @@ def check_files(*, live: object = None, avoid: object = None) -> None:
         raise RouteError(f"avoid must be a GeoJSON file or its content as a dict, not {avoid!r:.60}", field="avoid")
 
 
+def check_request(request: object) -> None:
+    """Refuse what is no request; RouteError with the field ``request``."""
+    if not isinstance(request, RouteRequest):
+        raise RouteError(f"request must be a RouteRequest, not {request!r:.60}", field="request")
+
+
 def read_place(field: str, given: object) -> Place | None:
     """Read a node, or latitude and longitude.
 

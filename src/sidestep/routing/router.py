@@ -1,9 +1,10 @@
 """Planning many routes through one place from one process."""
 
 from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
-from types import NoneType
 
+from sidestep.arguments import INDEX, PATH, SEED, checked, instance
 from sidestep.planners.base import Planner
 from sidestep.planners.learned import Darp, load_planners
 from sidestep.planners.registry import BASELINE, find_planner
@@ -30,6 +31,7 @@ from sidestep.routing.request import (
     check_list,
     check_minutes,
     check_planner,
+    check_request,
     read_departure,
     read_place,
 )
@@ -75,13 +77,16 @@ class Router:
     (0, 8)
     """
 
+    @checked(
+        RouteError,
+        scenario=instance((Scenario, str, PathLike), "a scenario, the name of one, or a scenario file"),
+        model=PATH,
+        seed=SEED,
+        index=INDEX,
+    )
     def __init__(
         self, scenario: Scenario | str | Path, *, model: Path | str | None = None, seed: int = 0, index: int = 0
     ) -> None:
-        check_count("seed", seed, least=0)
-        check_count("index", index, least=0)
-        if not isinstance(model, (str, Path, NoneType)):
-            raise RouteError(f"model must be the folder of a trained model, not {model!r:.60}", field="model")
         self.scenario = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
         self._map = draw_map(self.scenario, seed, index)
         self._locate = locator(self.scenario, self._map)
@@ -144,6 +149,7 @@ class Router:
         SidestepError
             A request that streets, crowds or the planner do not allow; ``error.field`` names the field at fault.
         """
+        check_request(request)
         if request.arrive_by is None:
             given = Circumstances(depart=request.depart, live=request.live, avoid=request.avoid)
             located = self._between(request.origin, request.destination, given)
@@ -407,6 +413,5 @@ def plan_route(
     >>> plan.planner, plan.arrives
     ('shortest-path', True)
     """
-    if not isinstance(request, RouteRequest):
-        raise RouteError(f"request must be a RouteRequest, not {request!r:.60}", field="request")
+    check_request(request)  # before all that is loaded
     return Router(scenario, model=model, seed=seed, index=index).answer(request)

@@ -1,8 +1,10 @@
 """The scenarios that come with Sidestep, by name."""
 
+from sidestep.arguments import checked, instance
+from sidestep.errors import hint
 from sidestep.scenarios.model import RewardSpec, Scenario
 from sidestep.scenarios.places import Counters, Grid, RushHours, Sensor, Traffic, Venue
-from sidestep.scenarios.spec import ScenarioError, hint
+from sidestep.scenarios.spec import ScenarioError
 
 NO_EXTRAS = RewardSpec(progress=0.0, bonus=0.0)
 """Nothing but the cost of the walk."""
@@ -84,6 +86,7 @@ BUILT_IN = {
 }
 
 
+@checked(ScenarioError, name=instance(str, "the name of a built-in scenario (load_scenario reads files)"))
 def scenario(name: str, **changes: object) -> Scenario:
     """A built-in scenario, with some fields changed.
 
@@ -118,6 +121,6 @@ def scenario(name: str, **changes: object) -> Scenario:
     'sensors paired with streets by a seed; demand 120 × the counts (an invented event day)'
     """
     if name not in BUILT_IN:
-        meant = hint(name, list(BUILT_IN))
-        raise ScenarioError(f"unknown scenario {name!r}{meant}; or name a file, such as my-town/scenario.toml")
+        meant = hint(name, list(BUILT_IN), "a file such as my-town/scenario.toml")
+        raise ScenarioError(f"unknown scenario {name!r:.200}{meant}", field="scenario")
     return BUILT_IN[name].changed(**changes)

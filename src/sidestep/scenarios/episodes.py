@@ -1,6 +1,7 @@
 """Which walks are walked: origins, destinations, departures and futures."""
 
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from sidestep.arguments import COUNT, Rule, checked, instance, whole
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.scenarios.maps import ScenarioMap
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.maps import A_MAP, ScenarioMap
+from sidestep.scenarios.model import A_SCENARIO, Scenario
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import check_ways
 from sidestep.walking.waits import GOLDEN
@@ -18,6 +20,21 @@ from sidestep.walking.waits import GOLDEN
 DRAWS = 4
 """Uniform numbers that one instance takes."""
 _ORIGINS = 1_000  # beyond the numbers of purposes
+
+
+MOST_NUMBERED = 2**31 - 1
+"""The largest number of a walk, and of a part of a comparison."""
+
+
+def _nodes(value: Any) -> Int[np.ndarray, "destination part"]:
+    nodes = np.asarray(value)
+    if nodes.dtype.kind not in "iu" or nodes.ndim != len(("destination", "part")) or not nodes.size:
+        raise ValueError
+    return nodes
+
+
+NODES = Rule("must be whole numbers of nodes, a row for each destination, such as [[8], [5]]", _nodes)
+"""What public functions take as destinations."""
 
 
 class InstanceSampler(eqx.Module):
@@ -223,6 +240,32 @@ def _futures_for_each(
     return jnp.argsort(~for_each, axis=1, stable=True).astype(jnp.int32), for_each.sum(axis=1).astype(jnp.int32)
 
 
+def check_nodes(scenario_map: ScenarioMap, nodes: Int[np.ndarray, "destination part"]) -> None:
+    """Refuse destinations that are no nodes of a map, or not one in each of its parts.
+
+    Raises
+    ------
+    ScenarioError
+        With the field ``destinations``.
+    """
+    last, parts = scenario_map.network.nodes - 1, len(scenario_map.parts)
+    if nodes.shape[1] != parts:
+        said = f"destinations must have a node for each part of the map, {parts}"
+        raise ScenarioError(f"{said}, not {nodes.shape[1]}", field="destinations")
+    if nodes.min() < 0 or nodes.max() > last:
+        wrong = nodes.min() if nodes.min() < 0 else nodes.max()
+        raise ScenarioError(f"destinations must be nodes, 0 to {last}, not {wrong}", field="destinations")
+
+
+@checked(
+    ScenarioError,
+    scenario=A_SCENARIO,
+    scenario_map=A_MAP,
+    params=instance(EnvParams, "an environment, such as sidestep.make_environment(scenario, scenario_map, 'test', 1)"),
+    walks=COUNT,
+    first=whole(0, MOST_NUMBERED),
+    destinations=NODES,
+)
 def instances(
     scenario: Scenario,
     scenario_map: ScenarioMap,
@@ -254,7 +297,8 @@ def instances(
     Raises
     ------
     ScenarioError
-        Fewer futures than destinations.
+        Fewer futures than destinations, nodes that the map does not have, and anything else that is not as above; the
+        parameter is its field.
 
     Examples
     --------
@@ -276,6 +320,7 @@ def instances(
     origin, destination = jnp.asarray(begins[:-1][part]), jnp.asarray(begins[1:][part] - 1)
     future = number % params.futures.count
     if destinations is not None:
+        check_nodes(scenario_map, destinations)
         _check_futures(params.futures.count, len(destinations))
         which = params.futures.destination[future]
         destination = jnp.asarray(destinations)[which, part]

@@ -11,9 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
+from sidestep.arguments import COUNT, FLAG, NUMBER, checked, each, one_of, whole
 from sidestep.crowds.base import Field, FlowModel
 from sidestep.environment.cost_to_go import WINDOW, expected_cost_to_go, live_cost_to_go
 from sidestep.environment.types import (
+    LEVELS,
     EnvParams,
     Futures,
     Information,
@@ -23,13 +25,26 @@ from sidestep.environment.types import (
     futures_in_turn,
 )
 from sidestep.network.graph import RoadNetwork
-from sidestep.scenarios.episodes import destinations_of
-from sidestep.scenarios.maps import Purpose, ScenarioMap, purpose_key
-from sidestep.scenarios.model import Scenario, objective_of, reward_of
+from sidestep.scenarios.episodes import MOST_NUMBERED, NODES, check_nodes, destinations_of
+from sidestep.scenarios.maps import A_MAP, PURPOSES, Purpose, ScenarioMap, purpose_key
+from sidestep.scenarios.model import A_SCENARIO, Scenario, objective_of, reward_of
+from sidestep.scenarios.spec import ScenarioError
 from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
 from sidestep.walking.speed_laws import SpeedLaw
 
 
+@checked(
+    ScenarioError,
+    scenario=A_SCENARIO,
+    scenario_map=A_MAP,
+    purpose=one_of(PURPOSES),
+    futures=COUNT,
+    level=one_of(LEVELS),
+    destinations=NODES,
+    hours=each(NUMBER, "a list of hours of the week"),
+    part=whole(0, MOST_NUMBERED),
+    densities=FLAG,
+)
 def make_environment(
     scenario: Scenario,
     scenario_map: ScenarioMap,
@@ -70,6 +85,12 @@ def make_environment(
     params
         The environment, for walkers of ``level``.
 
+    Raises
+    ------
+    ScenarioError
+        An unknown purpose or level, nodes that the map does not have, more hours than destinations or fewer, and
+        anything else that is not as above; the parameter is its field.
+
     Examples
     --------
     >>> from sidestep.scenarios.builtin import scenario
@@ -81,6 +102,10 @@ def make_environment(
     (3, 36)
     """
     nodes = destinations_of(scenario_map, 1) if destinations is None else destinations
+    check_nodes(scenario_map, nodes)
+    if hours is not None and len(hours) != len(nodes):
+        said = f"hours must be as many as the destinations, {len(nodes)}"
+        raise ScenarioError(f"{said}, not {len(hours)}", field="hours")
     hours = scenario.place.departure_hours(len(nodes), part * futures) if hours is None else hours
     objective = objective_of(scenario.objective)
     return _environment(

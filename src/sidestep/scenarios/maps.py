@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
+from sidestep.arguments import INDEX, SEED, checked, instance
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable, latest_counts
 from sidestep.errors import SidestepError
@@ -21,7 +22,7 @@ from sidestep.network.parts import TownPart
 from sidestep.network.snapping import Snapper, SplitStreets
 from sidestep.scenarios.crowd_sources import HOUR, check_crowds, crowds_of
 from sidestep.scenarios.grids import on_grids
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import A_SCENARIO, Scenario
 from sidestep.scenarios.places import Grid, Traffic, Venue
 from sidestep.scenarios.spec import Fault, ScenarioError
 from sidestep.scenarios.stations import check_ways, nearest
@@ -98,6 +99,11 @@ class ScenarioMap(eqx.Module):
         return digest.hexdigest()[:16]
 
 
+A_MAP = instance(ScenarioMap, "a map, such as sidestep.draw_map(scenario, seed=0)")
+"""What public functions take as a scenario's map."""
+
+
+@checked(ScenarioError, scenario=A_SCENARIO, seed=SEED, index=INDEX)
 def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     """Map number ``index`` of a seed; the same for every planner and for every kind of flow.
 
@@ -117,8 +123,10 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
 
     Raises
     ------
+    ScenarioError
+        Anything but a scenario (field ``scenario``), or numbers of 0 or more (``seed`` and ``index``).
     SidestepError
-        Negative numbers, files of a venue that cannot be read or do not fit.
+        Files of a venue that cannot be read or do not fit.
 
     Examples
     --------
@@ -137,6 +145,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
             return replace(_venue_map(venue, scenario.walker, scenario.slot_seconds, scenario.law), key=key)
 
 
+@checked(ScenarioError, scenario=A_SCENARIO, seed=SEED, index=INDEX)
 def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     """What an agent learns on that will walk map number ``index``: that map, or others, as the scenario says.
 
@@ -176,20 +185,7 @@ _LEARN = 1  # a third number makes another stream: no map that is compared on ha
 
 
 def _key(seed: int, index: int) -> Key[Array, ""]:
-    """The random stream of a map.
-
-    Returns
-    -------
-    Key[Array, ""]
-        Different for every seed and map number.
-
-    Raises
-    ------
-    ScenarioError
-        Negative numbers.
-    """
-    if min(seed, index) < 0:
-        raise ScenarioError(f"seed and number of a map must not be negative, not {seed} and {index}")
+    """The random stream of a map, different for every seed and map number."""
     # A key made of plain numbers needs no compiled program.
     return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
 

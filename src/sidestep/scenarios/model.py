@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from sidestep.arguments import instance
 from sidestep.crowds.base import SLOT_SECONDS
 from sidestep.environment.types import Information, RewardWeights
 from sidestep.scenarios import values
@@ -214,3 +215,7 @@ class Scenario(Spec):
     def slots(self) -> int:
         """Slots from the scenario's start to the horizon of the latest departure."""
         return math.ceil((self.departures[1] + self.horizon) / self.slot_seconds)
+
+
+A_SCENARIO = instance(Scenario, "a scenario, such as sidestep.scenario('rush-16')")
+"""What public functions take as their scenario."""

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, field_validator
 
+from sidestep.arguments import PATH, checked
 from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.crowds.wall_time import DAYS
 from sidestep.files import reason
@@ -244,6 +245,7 @@ def files_of(name_or_file: str, found: Scenario) -> tuple[str, ...]:
     return (*(() if name_or_file in BUILT_IN else (name_or_file,)), *found.place.files)
 
 
+@checked(ScenarioError, path=PATH)
 def load_scenario(path: str | Path) -> Scenario:
     r"""Read a scenario file, and make sure that its streets, counts, sensors and places exist.
 

@@ -1,13 +1,13 @@
 """What all specs have in common: strict, frozen, and refused with one sentence where they are wrong."""
 
-import difflib
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from sidestep.errors import SidestepError
+from sidestep.errors import SidestepError, hint
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
@@ -38,20 +38,26 @@ class Fault(NamedTuple):
     """What is wrong."""
 
 
-MOST_LISTED = 16  # names in one sentence
-
-
 class _Refusing(ModelMetaclass):
     """Lets constructors raise this package's error."""
 
     def __call__(cls, *args: Any, **values: Any) -> Any:  # noqa: N805 # of a class
+        if args:
+            raise cls.refusal(f"{cls.__name__} takes its fields by name, such as field=value")  # type: ignore[attr-defined]
         try:
-            return super().__call__(*args, **values)
+            return super().__call__(**{name: _plain(value) for name, value in values.items()})
         except ValidationError as error:
             found = faults(error, cls)  # type: ignore[arg-type]
             first, *others = (cls.refusal(said, field=".".join(path) or None) for path, said in found)  # type: ignore[attr-defined]
             first.others = tuple(others)
             raise first from None
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of NumPy as Python's, also in tuples."""
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    return value.item() if isinstance(value, np.generic) else value
 
 
 class Spec(BaseModel, metaclass=_Refusing):
@@ -192,13 +198,6 @@ def _specs_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for part in get_args(annotation):
         yield from _specs_in(part)
-
-
-def hint(name: str, known: list[str]) -> str:
-    """What may have been meant by a name that is not known, for the end of a sentence."""
-    if close := difflib.get_close_matches(name.lower(), known, n=1):
-        return f"; did you mean {close[0]}?"
-    return f"; there are {', '.join(known)}" if len(known) <= MOST_LISTED else ""
 
 
 def shown(value: object) -> str:

@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from pydantic import BeforeValidator, Field
 
+from sidestep.errors import hint
 from sidestep.network.town import Town
 from sidestep.scenarios import values
-from sidestep.scenarios.spec import ScenarioError, Spec, hint, shown
+from sidestep.scenarios.spec import ScenarioError, Spec, shown
 from sidestep.walking.profile import lift_waits, own_law, paces, passable
 from sidestep.walking.speed_laws import FREE_SPEED, LAWS, Law, SpeedLaw
 
