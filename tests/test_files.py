@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sidestep.files import OutputError, cached_by_files, check_apart, write_text
+from sidestep.files import OutputError, cached_by_files, check_above, check_apart, output_folder, write_text
 
 
 @pytest.mark.parametrize("name", ["read", "./made/../read", "link", "hard", "folder/inside"])
@@ -23,6 +23,23 @@ def test_files_that_are_read_are_not_written_to(tmp_path: Path, monkeypatch: pyt
     assert caught.value.field == "out"
     for other in ("made/inside", "none", "folder/none", "none/read"):
         check_apart(Path(other), read)
+
+
+def test_only_the_last_folder_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("made", tmp_path / "made" / "within", ".", "made/../made", "made"):
+        check_above(Path(folder))
+        assert output_folder(Path(folder)).is_dir()
+    Path("file").touch()
+    for folder in ("a/b", "a/b/c", tmp_path / "made" / "a" / "b", "file", "file/b", "file/b/c"):
+        with pytest.raises(OutputError) as caught:
+            output_folder(Path(folder), "walks_out")
+        assert caught.value.field == "walks_out"
+    for folder in ("a/b", "file/b/c"):
+        with pytest.raises(OutputError) as caught:
+            check_above(Path(folder))
+        assert caught.value.field == "out"
+    assert sorted(each.name for each in tmp_path.rglob("*")) == ["file", "made", "within"]
 
 
 def test_results_are_kept_while_files_stay_as_they_are(tmp_path: Path) -> None:

@@ -23,15 +23,50 @@ class OutputError(SidestepError):
     """A place that cannot be written to."""
 
 
-def output_folder(path: Path) -> Path:
-    """Make sure, before long work begins, that a folder exists and takes files."""
+def check_above(folder: Path, field: str = "out") -> None:
+    """Refuse a folder to write to that lies in folders that are not there: a misspelled one is not made.
+
+    Parameters
+    ----------
+    folder, field
+        The folder, which may be missing itself, and the parameter that it is of.
+
+    Raises
+    ------
+    OutputError
+        With the parameter as its field.
+    """
+    for above in reversed(folder.parents):
+        if not os.path.lexists(above):
+            raise OutputError(f"cannot write to {folder}: there is no folder {above}; make it first", field=field)
+
+
+def output_folder(path: Path, field: str = "out") -> Path:
+    """Make sure, before long work begins, that a folder takes files; it is made if only it is missing.
+
+    Parameters
+    ----------
+    path, field
+        The folder, and the parameter that it is of.
+
+    Returns
+    -------
+    Path
+        The same folder.
+
+    Raises
+    ------
+    OutputError
+        With the parameter as its field.
+    """
+    check_above(path, field)
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        path.mkdir(exist_ok=True)
         probe = path / f".writable-{os.getpid()}"
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise OutputError(f"cannot write to the output folder {path}: {reason(error)}") from error
+        raise OutputError(f"cannot write to the output folder {path}: {reason(error)}", field=field) from error
     return path
 
 

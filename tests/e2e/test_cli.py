@@ -479,6 +479,28 @@ def test_output_folder_that_cannot_be_written(sidestep, command, tmp_path):
     assert in_the_way.read_text() == "here first"
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "demo --out a/b/c",
+        "reproduce --quick --out a/b/c",
+        "train paper-congested --out a/b/c",
+        "trade-off paper-congested --out a/b/c.png",
+        "route paper-congested --out a/b/c.json",
+        "when paper-congested --out a/b/c.json",
+        "isochrone paper-congested --out a/b/c.json",
+        "matrix paper-congested --from 0 --out a/b/c.json",
+        "crowds paper-congested --out a/b/c.json",
+        "counts --out a/b/c.csv",
+        "counts import none.csv --network helsinki --out a/b/c.npz",
+        "import-osm none.osm --out a/b/c.npz",
+    ],
+)
+def test_folders_above_the_last_one_are_not_made(sidestep, command, tmp_path):
+    assert "there is no folder a;" in one_sentence(sidestep(*command.split(), cwd=tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_counts_of_an_own_file(sidestep, tmp_path):
     hours = [f"2024-{month:02}-{day:02}T{hour:02}" for month in (1, 2) for day in range(1, 29) for hour in range(24)]
     hours = [hour for hour in hours if hour < "2024-01-29"]

@@ -108,12 +108,13 @@ class MapChoice:
         Router
             With the scenario's streets and crowds.
         """
-        from sidestep.files import check_apart
+        from sidestep.files import check_above, check_apart
         from sidestep.routing.router import Router
         from sidestep.scenarios.reader import files_of
 
         found = options.read_scenario(scenario, self.changes)
         if out is not None:
+            check_above(out.parent)
             check_apart(out, (*files_of(scenario, found), *read, model))
         return Router(found, model=model, seed=self.seed, index=self.index)
 

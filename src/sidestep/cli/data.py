@@ -77,9 +77,10 @@ def clean_counts(file: Path | None, layout: "Layout", out: Path, *, as_json: boo
     from sidestep.crowds.count_files import check_out, positions_path, save_counts
     from sidestep.crowds.counts import load_auckland, read_counts
     from sidestep.crowds.summary import report_counts
-    from sidestep.files import output_folder
+    from sidestep.files import check_above, output_folder
 
     check_out(out, file)
+    check_above(out.parent)
     table = load_auckland() if file is None else read_counts(file, layout)
     output_folder(out.parent)
     save_counts(table, out)
@@ -121,11 +122,12 @@ def import_counts(
     options.check_minutes(slot=slot)
     options.start_jax()
     from sidestep.crowds.crowd_table import check_suffix, save_crowd_table
-    from sidestep.files import check_apart, output_folder
+    from sidestep.files import check_above, check_apart, output_folder
     from sidestep.scenarios.streets import town_of
     from sidestep.scenarios.table_crowds import import_table
 
     check_suffix(out)
+    check_above(out.parent)
     check_apart(out, (table, network))
     seconds = None if slot is None else 60 * slot
     crowds, report = import_table(table, town_of(network), slot_seconds=seconds, law=law)
@@ -163,11 +165,12 @@ def import_osm(
     attribution
         Whose the streets are, and under which licence; whatever is made of them says so.
     """
-    from sidestep.files import check_apart, output_folder
+    from sidestep.files import check_above, check_apart, output_folder
     from sidestep.network.formats import check_suffix, save_town
     from sidestep.network.osm import import_osm as read
 
     check_suffix(out)
+    check_above(out.parent)
     check_apart(out, (file,))
     widths = dict(_width(option) for option in width or [])
     output_folder(out.parent)
