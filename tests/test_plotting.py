@@ -1,7 +1,10 @@
 """Pictures are drawn of whatever planners there are."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
+from matplotlib.path import Path
 
 from sidestep import plotting
 from sidestep.agent.checkpoint import Metadata
@@ -87,3 +90,61 @@ def test_a_trade_off_has_a_point_for_each_weight(name: str) -> None:
     said = texts(figure)
     for text in ("time against crowds", "invented", name, "0.5"):
         assert text in said
+
+
+STEPS = np.arange(8.0)
+CURVES = {
+    "falling": [np.stack([20 + STEPS, 1000 / (1 + STEPS)], axis=1)],
+    "two, one above the other": [np.stack([20 + STEPS, high - 9 * STEPS], axis=1) for high in (100, 103)],
+    "two, crossing": [np.stack([20 + STEPS, high + slope * STEPS], axis=1) for high, slope in ((100, -9), (37, 9))],
+    "the same twice": [np.stack([20 + STEPS, 100 - 9 * STEPS], axis=1)] * 2,
+    "in one place": [np.full((8, 2), 30.0)],
+    "nearly in one place": [30 + 1e-3 * np.stack([STEPS, -STEPS], axis=1), [[31, 30.0], [33, 31.0]]],
+    "steep, then level": [[[20, 900], [20.01, 400], [20.02, 200], [20.03, 190], [25, 189], [25.1, 188], [40, 187]]],
+    "back and forth": [[[20, 50], [21, 49], [20.2, 48], [20.9, 47], [20.4, 46], [20.8, 45], [20.5, 44]]],
+    "one point": [[[20.0, 50.0]]],
+    "nobody met": [[[20, 0], [21, 0], [22, 0]]],
+    "a heap beside a far point": [[[20 + 0.02 * step, 50 - 0.4 * step] for step in range(7)] + [[90, 1]]],
+    "many": [np.stack([20 + STEPS + shift, 100 - 9 * STEPS + 7 * shift], axis=1) for shift in range(4)],
+}
+
+
+@pytest.mark.parametrize("shape", CURVES)
+def test_labels_of_a_trade_off_cover_nothing(shape: str) -> None:
+    weights = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 100.0)
+    curves = {
+        f"planner {number}": [
+            {"weight": weight, "minutes": minutes, "exposure": met, "metres": 900.0, "arrival_rate": 1.0}
+            for weight, (minutes, met) in zip(weights, curve, strict=False)
+        ]
+        for number, curve in enumerate(CURVES[shape])
+    }
+    figure = plotting.trade_off_curve("a title", "a caption", curves)
+    (axes,) = figure.axes
+    for dpi in (figure.dpi, 150):  # as saved
+        figure.dpi = dpi
+        figure.draw_without_rendering()
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+        frame = axes.get_window_extent().padded(1)
+        for box in boxes:
+            assert frame.contains(*box.min), box
+            assert frame.contains(*box.max), box
+            for line in axes.lines:
+                course = axes.transData.transform(line.get_xydata())
+                assert not Path(course).intersects_bbox(box, filled=False)
+                assert not any(box.padded(3 * figure.dpi / 72).contains(*point) for point in course)
+        (legend,) = figure.legends
+        assert not legend.get_window_extent().overlaps(axes.get_window_extent())
+    said = {weight for text in axes.texts for weight in text.get_text().split(" to ")}
+    for points in curves.values():  # of every curve at least the ends are labelled
+        assert {f"{points[end]['weight']:g}" for end in (0, -1)} <= said
+
+
+def test_points_in_one_place_have_one_label() -> None:
+    points = [
+        {"weight": weight, "minutes": minutes, "exposure": 9.0, "metres": 900.0, "arrival_rate": 1.0}
+        for weight, minutes in ((0.0, 20.0), (0.1, 20.0), (0.2, 20.0001), (0.5, 25.0), (1.0, 30.0), (2.0, 30.0))
+    ]
+    (axes,) = plotting.trade_off_curve("", "", {"expected": points}).axes
+    assert sorted(text.get_text() for text in axes.texts) == ["0 to 0.2", "0.5", "1 to 2"]

@@ -1,6 +1,6 @@
 """Pictures. The only module that imports matplotlib."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any, NamedTuple, TypedDict
@@ -16,6 +16,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, MaxNLocator
+from matplotlib.transforms import Bbox, BboxBase
 
 from sidestep.agent.checkpoint import Metadata
 from sidestep.environment.types import EnvParams
@@ -47,6 +48,7 @@ ROUTE = "#1565c0"  # far from the colours of crowds
 # Without the palest colours, which cannot be seen on white.
 _CROWDS = LinearSegmentedColormap.from_list("crowds", colormaps["YlOrBr"](np.linspace(0.2, 1, 32)))
 _SPARSE = 0.02  # persons/m²; with fewer a street counts as empty
+_MARKER = 7.0  # points; of the curves of trade-offs, with its edge
 _ROOM = 40.0  # m around the streets of a town
 _OTHERS = ("#7b2d8b", "#00838f", "#5d4037", "#455a64")  # of alternatives, as far from the colours of crowds
 _WIDE_RATIO = 5.0  # of the longest walk to the shortest: beyond, small differences cannot be seen on a linear axis
@@ -438,6 +440,8 @@ class TradeOffPoint(TypedDict):
 def trade_off_curve(title: str, caption: str, curves: Mapping[str, Sequence[TradeOffPoint]]) -> Figure:
     """Draw minutes against the crowd met.
 
+    Points are labelled by their weights: those in one place together, and those without room for a label not at all.
+
     Parameters
     ----------
     title, caption
@@ -455,18 +459,91 @@ def trade_off_curve(title: str, caption: str, curves: Mapping[str, Sequence[Trad
     for number, (name, points) in enumerate(curves.items()):
         minutes, exposure = [point["minutes"] for point in points], [point["exposure"] for point in points]
         colour, _ = _look(name, number)
-        axes.plot(minutes, exposure, color=colour, linewidth=2, marker="o", label=name, zorder=3)
-        for point in points:
-            place = (point["minutes"], point["exposure"])
-            _note(axes, f"{point['weight']:g}", place, (6, 5), fontsize=8, color=colour, **_HALO)
-    axes.margins(0.08)
+        axes.plot(minutes, exposure, color=colour, linewidth=2, marker="o", markersize=6, label=name, zorder=3)
+    axes.margins(0.12)
     axes.set(xlabel="minutes", ylabel="crowd met, person·s/m²", ylim=(0, None))
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False)
     axes.set_title(title, loc="left", fontsize=10, color=INK)
+    figure.legend(frameon=False, loc="outside upper right", ncols=4)  # inside, some curve would lie under it
     figure.supxlabel(caption, fontsize=8, color=INK)
+    figure.draw_without_rendering()  # from here on it is known where things are on the page,
+    figure.set_layout_engine("none")  # and they stay there
+    _label_weights(axes, list(curves.values()))
     return figure
+
+
+class _Label(NamedTuple):
+    """What is to be written beside a point."""
+
+    text: str
+    colour: str
+    place: Float[np.ndarray, "2"]
+    """On the page, in pixels."""
+    at_end: bool
+    """Whether the point is the first or the last of its curve."""
+
+
+def _label_weights(axes: Axes, curves: Sequence[Sequence[TradeOffPoint]]) -> None:
+    """Write weights beside points, those at the ends of curves first, where text covers no text, point or curve."""
+    figure, inward = axes.figure, axes.transData.inverted()
+    places = [axes.transData.transform(line.get_xydata()) for line in axes.lines]
+    pixels = figure.dpi / 72  # of a point
+    dot = _MARKER * pixels
+    labels = [
+        label
+        for line, points, place in zip(axes.lines, curves, places, strict=True)
+        for label in _labels(str(line.get_color()), points, place, dot)
+    ]
+    dots = np.concatenate(places)
+    taken = [Bbox.from_extents(*(middle - dot / 2), *(middle + dot / 2)) for middle in dots]
+    for label in sorted(labels, key=lambda each: not each.at_end):
+        style: dict[str, Any] = {"color": label.colour, "fontsize": 8, "ha": "center", "va": "center", **_HALO}
+        text = axes.annotate(
+            label.text, tuple(inward.transform(label.place)), xytext=(0, 0), textcoords="offset points", **style
+        )
+        text.set_in_layout(False)
+        size = np.array(text.get_window_extent().size)
+        for shift in _shifts(size, pixels):
+            box = Bbox.from_bounds(*(label.place + shift - size / 2), *size).padded(pixels)
+            if _is_free(box, axes.bbox, taken, places):
+                text.set_position(tuple(shift / pixels))
+                taken.append(box)
+                break
+        else:
+            text.remove()
+
+
+def _labels(
+    colour: str, points: Sequence[TradeOffPoint], place: Float[np.ndarray, "point 2"], near: float
+) -> Iterator[_Label]:
+    """The labels of a curve: one for all points that follow one another within some pixels of the first of them."""
+    begins = 0
+    for after in range(1, len(points) + 1):
+        if after < len(points) and np.hypot(*(place[after] - place[begins])) < near:
+            continue
+        ends = dict.fromkeys(f"{points[index]['weight']:g}" for index in (begins, after - 1))
+        yield _Label(" to ".join(ends), colour, place[begins], at_end=begins == 0 or after == len(points))
+        begins = after
+
+
+def _shifts(size: Float[np.ndarray, "2"], pixels: float) -> Iterator[Float[np.ndarray, "2"]]:
+    """Where the middle of a text may be, in pixels from its point: on all sides, the nearest and upper right first."""
+    for away in (5.0, 8.0, 12.0, 16.0):
+        for turn in sorted(
+            np.linspace(0, 2 * np.pi, 24, endpoint=False), key=lambda turn: 1 - np.cos(turn - np.pi / 4)
+        ):
+            yield np.array([np.cos(turn), np.sin(turn)]) * (size / 2 + away * pixels)
+
+
+def _is_free(box: Bbox, frame: BboxBase, taken: Sequence[Bbox], curves: Sequence[Float[np.ndarray, "_ 2"]]) -> bool:
+    """Whether a box lies within a frame and covers nothing of what is taken, and nothing of curves."""
+    inside = frame.contains(*box.min) and frame.contains(*box.max)
+    covered = inside and (
+        any(box.overlaps(other) for other in taken)
+        or any(Path(curve).intersects_bbox(box, filled=False) for curve in curves)
+    )
+    return bool(inside and not covered)
 
 
 def _look(planner: str, number: int) -> tuple[str, str]:

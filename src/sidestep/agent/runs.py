@@ -76,6 +76,7 @@ OnRound = Callable[[TrainingRun], None]
     index=INDEX,
     out=PATH,
     resume=FLAG,
+    overwrite=FLAG,
     on_round=FUNCTION,
 )
 def train(
