@@ -372,9 +372,7 @@ def draw_departures(window: DepartureWindow) -> Figure:
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9, loc="lower left")
     ends = f"{window.origin.asked} to {window.destination.asked}"
-    axes.set_title(
-        f"{window.scenario}, {window.departs}: {ends}, by {window.planner}", loc="left", fontsize=10, color=INK
-    )
+    axes.set_title(f"{window.scenario}, {window.span}: {ends}, by {window.planner}", loc="left", fontsize=10, color=INK)
     figure.supxlabel("\n".join(window.sources), fontsize=8, color=INK)
     return figure
 

@@ -19,6 +19,18 @@ def test_lines_are_wrapped_between_words_where_the_width_is_known(capsys, monkey
     assert " ".join(line.strip() for line in lines) == SOURCES
 
 
+def test_numbers_stay_with_their_units(capsys, monkeypatch) -> None:
+    text = "median 18.7 min, 90 % within 24.9 min, 100.0 % arrive; demand 120 × counts, 1,001 person·s/m² met, 5 10 15"
+    for width in range(20, 80):
+        monkeypatch.setenv("COLUMNS", str(width))
+        print_text(text)
+        lines = capsys.readouterr().out.splitlines()
+        assert " ".join(lines) == text
+        assert max(map(len, lines)) <= width
+        for line in lines[:-1]:
+            assert not line[-1].isdecimal() or line.endswith(("5", "10")), line
+
+
 def test_pipes_get_whole_lines(capsys, monkeypatch) -> None:
     monkeypatch.delenv("COLUMNS", raising=False)
     print_text(f"{SOURCES}\n")

@@ -208,6 +208,21 @@ def test_totals_of_days_say_that_hours_are_needed(read: Read) -> None:
             read(rows("time,North,South", (f"{form.format(day)},14,39" for day in range(4, 30))))
 
 
+@pytest.mark.parametrize(
+    "form", ["{}", "{:02}:00", "h{}", "Hour {}", "hour_{:02}", "{:02}:00-{:02}:59", "Stunde {}", "{:02}00"]
+)
+def test_hours_side_by_side_are_not_called_totals(read: Read, form: str) -> None:
+    names = ",".join(form.format(hour, hour) for hour in range(24))
+    cells = ",".join(map(str, range(24)))
+    for head, row in ((f"date,{names}", "2024-03-{:02},"), (f"sensor,date,{names},total", "a,2024-03-{:02},")):
+        with pytest.raises(CountsError, match="hours of the day side by side") as caught:
+            read(rows(head, (f"{row.format(day)}{cells}" + ",276" * head.endswith("total") for day in range(1, 30))))
+        assert caught.value.field == "date"
+    few = ",".join(f"sensor {number}" for number in range(24))
+    with pytest.raises(CountsError, match="totals"):
+        read(rows(f"date,{few}", (f"2024-03-{day:02},{cells}" for day in range(1, 30))))
+
+
 # --- Clock changes --------------------------------------------------------------------------------------------------
 
 

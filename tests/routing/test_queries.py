@@ -218,8 +218,22 @@ def test_when_to_set_out(hours) -> None:
     assert window.departures[0].median_minutes == walk(300)  # by Back Road
     assert window.to_json()["best"]["departure_minutes"] == 40
     assert "best" in window.to_text()
-    (line, *_) = draw_departures(window).axes[0].lines
-    assert line.get_xdata().tolist() == [0, 20, 40]
+    (axes,) = draw_departures(window).axes
+    assert axes.lines[0].get_xdata().tolist() == [0, 20, 40]
+    assert "Saturday 12:30 to 13:10" in axes.get_title(loc="left")
+
+
+def test_windows_in_words(hours) -> None:
+    window = Router(hours()).when(0, 1, depart="12:30", until="13:10", step=20)
+    for first, last, words in (
+        ("Friday 23:00", "Saturday 1:00", "Friday 23:00 to Saturday 1:00"),
+        ("Saturday 2025-05-24 12:30", "Saturday 2025-05-24 13:30", "Saturday 2025-05-24 12:30 to 13:30"),
+        ("0 min after the start", "120 min after the start", "0 to 120 min after the start"),
+        ("as the table begins", "as the table begins", "as the table begins"),
+    ):
+        ends = [replace(window.departures[0], departs=each) for each in (first, last)]
+        assert replace(window, departures=ends).span == words
+    assert replace(window, departures=window.departures[:1]).span == "Saturday 12:30"
 
 
 def test_windows_that_outlast_a_table(hours) -> None:

@@ -15,7 +15,8 @@ from sidestep.cli.train import train
 from sidestep.errors import SidestepError
 
 INTERRUPTED, BAD_INPUT = 130, 2
-_NUMBER, _OPTION = re.compile(r"[-+]?\d+(\.\d*)?,?"), re.compile(r"^(--\w+)=")
+_NUMBER, _OPTION = re.compile(r"[-+]?\d+(\.\d*)?,?"), re.compile(r"^(--[\w-]+)=")
+_DAY, _CLOCK = re.compile(r"[\w./-]+"), re.compile(r"\d{1,2}(:\d{2}){1,2}\S*")
 
 app = App(
     name="sidestep",
@@ -59,7 +60,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         The exit status: 2 on bad input, 130 on Ctrl-C, after one sentence on standard error.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if said := _place_in_two(given):
+    if said := _place_in_two(given) or _time_in_two(given):
         return _complain(BAD_INPUT, said)
     try:
         app(arguments, exit_on_error=False, print_error=False)
@@ -83,6 +84,15 @@ def _place_in_two(arguments: Sequence[str]) -> str:
         if option in ("--from", "--to") and _NUMBER.fullmatch(latitude) and _NUMBER.fullmatch(longitude):
             place = f"{latitude.rstrip(',')},{longitude}"
             return f"{option} {latitude} {longitude}: write latitude and longitude with a comma and no space, {place}"
+    return ""
+
+
+def _time_in_two(arguments: Sequence[str]) -> str:
+    """What to say of a time without quotes, such as ``--depart 2025-05-24 17:30``; "" if there is none."""
+    words = [part for argument in arguments for part in _OPTION.sub("\\1\0", argument, count=1).split("\0", 1)]
+    for option, day, clock in zip(words, words[1:], words[2:], strict=False):
+        if option in ("--depart", "--until", "--arrive-by", "--at") and _DAY.fullmatch(day) and _CLOCK.fullmatch(clock):
+            return f'{option} {day} {clock}: write day and time in quotes, {option} "{day} {clock}"'
     return ""
 
 

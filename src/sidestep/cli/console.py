@@ -1,6 +1,7 @@
 """Tables and progress bars on a terminal. The only module that imports rich."""
 
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -8,6 +9,7 @@ from datetime import timedelta
 from textwrap import wrap
 from time import perf_counter
 
+_AFTER_NUMBER, _UNBROKEN = re.compile(r"(?<=\d) (?=[^\W\d_]|[%×])"), "\ue000"  # which rich takes for a letter
 WIDTH = 180
 """Width of tables where the output is no terminal and COLUMNS does not say another."""
 SHORT, LEAST = 30, 20
@@ -62,7 +64,7 @@ def progress(what: str, total: int, unit: str) -> Iterator[Callable[..., None]]:
 
 
 def print_text(text: str) -> None:
-    """Print lines, wrapped between words on terminals; into files and other programs they go as they are.
+    """Print lines, wrapped on terminals, not between a number and its unit; elsewhere they go as they are.
 
     Parameters
     ----------
@@ -73,8 +75,12 @@ def print_text(text: str) -> None:
         print(text.removesuffix("\n"))
         return
     from rich.console import Console
+    from rich.text import Text
 
-    Console(highlight=False).print(text.removesuffix("\n"), markup=False, emoji=False)
+    whole = Text(_AFTER_NUMBER.sub(_UNBROKEN, text.removesuffix("\n")))
+    console = Console()
+    for line in whole.wrap(console, console.width):
+        print(line.plain.rstrip().replace(_UNBROKEN, " "))
 
 
 def _known_width() -> bool:

@@ -19,6 +19,8 @@ TIMES = _names(
 )
 DATES = _names("date sensingdate countdate day datum tag fecha jour päivä pvm päivämäärä dato")
 HOURS = _names("hour hours time hourday hourofday timeofday uhrzeit stunde zeit hora heure tunti klo aika tid")
+HOUR_WORDS = HOURS | _names("h hr")
+"""Words before the number of an hour in the names of columns."""
 SENSORS = _in_order(
     "sensorname sensor countername counter sitename site stationname station locationname zählstelle standort "
     "messstelle street location name sensorid counterid siteid stationid locationid"

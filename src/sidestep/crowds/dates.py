@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from jaxtyping import Int
 
+from sidestep.crowds.column_names import HOUR_WORDS, plain
 from sidestep.crowds.sheets import Cells, Sheet
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ _FORMS = {
         rf"(?P<y>\d{{4}}){_THEN}",
     }.items()
 }
+_HOURS_ACROSS = 12  # columns that are called like hours; with fewer they may be sensors
 # Since 1970; numbers that begin with 19 or 20 are years, and before 2030 no second begins so.
 _SINCE = re.compile(r"(1[0-8]\d{8})(000)?(?:\.0+)?")
 _HOURS = re.compile(rf"(?:{_CLOCK}|(?P<four>\d{{3,4}}))(?:\s*(?:-|–|to|bis)\s*(?:{_END}|\d{{3,4}}))?", re.IGNORECASE)
@@ -146,8 +148,7 @@ def read_times(sheet: Sheet, when: tuple[str, ...], date_format: str) -> Written
         within = of_day[hours.code]
     else:
         if not has_time.any():
-            said = f"column {quoted(name)} has days without hours; hours are needed, a day's totals are not enough"
-            raise sheet.error(f"{sheet.source}: {said}", field=name)
+            raise sheet.error(f"{sheet.source}: {_without_hours(sheet, name)}", field=name)
         of_day = np.array([each.second_of_day or 0 for each in written], np.int64)
         within = of_day[cells.code]
     offsets = [each.offset for each in written]
@@ -157,6 +158,22 @@ def read_times(sheet: Sheet, when: tuple[str, ...], date_format: str) -> Written
     if ends:
         understood.append("hours from 1 to 24 are those at which counting ends")
     return WrittenTimes(days[cells.code] * DAY + within, offset, ends, tuple(understood))
+
+
+def _without_hours(sheet: Sheet, name: str) -> str:
+    """What to say of a column of days alone: hours may stand side by side, as columns."""
+    across = {hour: each for each in reversed(sheet.names) if (hour := _hour_of_column(each)) is not None}
+    if len(across) < _HOURS_ACROSS:
+        return f"column {quoted(name)} has days without hours; hours are needed, a day's totals are not enough"
+    first, second, *_, last = (quoted(across[hour]) for hour in sorted(across))
+    said = f"column {quoted(name)} has days, and {first}, {second} to {last} look like hours of the day side by side"
+    return f"{said}; write a row for each hour instead, with the day and the hour in front"
+
+
+def _hour_of_column(name: str) -> int | None:
+    """Seconds since midnight, where a column is called like an hour of the day, such as 7, 07:00, h7 or Hour 7."""
+    word = re.match(r"[^\W\d]*", name)[0]  # type: ignore[index] # matches anything
+    return _second_of_day(name[len(word) :].strip(" _")) if not word or plain(word) in HOUR_WORDS else None
 
 
 def _written(sheet: Sheet, name: str, cells: Cells, date_format: str) -> list[_Written]:

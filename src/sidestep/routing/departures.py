@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -140,6 +141,16 @@ class DepartureWindow(SceneFacts):
         """The departure whose walk takes the fewest minutes in 90 % of the futures; of equal ones the earliest."""
         return min(self.departures, key=lambda departure: departure.p90_minutes)
 
+    @property
+    def span(self) -> str:
+        """The first and the last departure for people, such as "Friday 17:00 to 20:00"."""
+        first, last = (self.departures[end].departs.split() for end in (0, -1))
+        if first == last:
+            return " ".join(first)
+        before = _alike(first, last)
+        after = _alike(first[before:][::-1], last[before:][::-1])
+        return " ".join([*first[: len(first) - after], "to", *last[before:]])
+
     def to_json(self) -> dict[str, Any]:
         """Everything, ready for ``json.dumps``."""
         return {**asdict(self), "best": asdict(self.best)}
@@ -169,6 +180,11 @@ class DepartureWindow(SceneFacts):
             *self.notes(),
         ]
         return "\n".join(lines) + "\n"
+
+
+def _alike(one: Sequence[str], other: Sequence[str]) -> int:
+    """How many words two texts have in common at their beginning."""
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))
 
 
 def departure_window(located: Located, planner: Planner, step: float | None, futures: int | None) -> DepartureWindow:
