@@ -8,8 +8,10 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import sidestep
+from sidestep import plotting
 from sidestep.arguments import COUNT, FLAG, MINUTES, PATH, SEED, Rule, checked, each, one_of, whole
 from sidestep.errors import SidestepError, hint
 from sidestep.network.formats import save_town
@@ -81,6 +83,10 @@ def drawn(**given: Any) -> Any:
 
 def drawn_to_learn(**given: Any) -> Any:
     return sidestep.draw_training_map(**{"scenario": TINY, "seed": 0} | given)
+
+
+def saved(**given: Any) -> Any:
+    return plotting.save(**{"figure": Figure(), "path": "picture.png"} | given)
 
 
 def matrix(**given: Any) -> Any:
@@ -168,6 +174,7 @@ WRONG: dict[Callable[..., Any], dict[str, tuple[Any, ...]]] = {
     sidestep.find_planner: {"name": NO_NAMES},
     sidestep.trained_darp: {"model": NO_OBJECTS},
     lambda **given: sidestep.preset("default", "live", **given): {"nodes": NO_SEEDS, "several_maps": ("x", None, 1)},
+    saved: {"figure": NO_OBJECTS, "path": NO_PATHS},
     matrix: {"value": (jax.numpy.zeros(2),)},
 }
 
@@ -202,6 +209,8 @@ def test_near_arguments_are_taken(tmp_path: Path) -> None:
     run = train(seed=one, index=one, out=str(tmp_path / "model"), resume=np.bool_(False))
     assert sidestep.load_model(str(tmp_path / "model")).metadata.seed == run.metadata.seed == 1
     assert list(choose(models=[str(tmp_path / "model")], seed=1).factories)[-1] == "darp"
+    plotting.save(Figure(), str(tmp_path / "picture.png"))
+    assert (tmp_path / "picture.png").is_file()
     save_town(sidestep.load_helsinki(), str(tmp_path / "town.npz"))
     assert sidestep.load_town(str(tmp_path / "town.npz")).streets == sidestep.load_helsinki().streets
 
@@ -222,6 +231,14 @@ def test_walks_that_need_to_know_more() -> None:
     with pytest.raises(SidestepError) as caught:
         routes(planner=sidestep.find_planner("forecast"))
     assert caught.value.field == "level"
+
+
+@pytest.mark.parametrize("name", [3, None, [], "", " "])
+def test_planners_have_a_name(name: Any) -> None:
+    planner = type("Mine", (type(sidestep.find_planner("expected")),), {"name": name})
+    with pytest.raises(SidestepError) as caught:
+        sidestep.register_planner(planner)
+    assert caught.value.field == "planner"
 
 
 def test_models_in_no_folder(tmp_path: Path) -> None:

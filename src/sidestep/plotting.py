@@ -19,8 +19,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from matplotlib.transforms import Bbox, BboxBase
 
 from sidestep.agent.checkpoint import Metadata
+from sidestep.arguments import PATH, checked, instance
 from sidestep.environment.types import EnvParams
-from sidestep.files import whole_file
+from sidestep.files import OutputError, whole_file
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.tags import ACROSS
 from sidestep.network.town import Town
@@ -68,9 +69,21 @@ class Curve:
     """Steps of a round."""
 
 
-def save(figure: Figure, path: File) -> None:
-    """Write a picture, whole or not at all."""
-    with whole_file(path) as temporary:
+@checked(OutputError, figure=instance(Figure, "a picture, such as draw_route(plan)"), path=PATH)
+def save(figure: Figure, path: File | str) -> None:
+    """Write a picture, whole or not at all.
+
+    Parameters
+    ----------
+    figure, path
+        The picture, and its file.
+
+    Raises
+    ------
+    OutputError
+        Anything else, or a file that cannot be written.
+    """
+    with whole_file(File(path)) as temporary:
         figure.savefig(temporary, format="png", dpi=150)
 
 

@@ -30,7 +30,9 @@ def test_other_text_is_no_place(text: str) -> None:
     assert caught.value.field == "destination"
 
 
-@pytest.mark.parametrize("given", [7.5, True, b"7", {}, (60.17,), (60.17, "24.94"), (1, 2, 3), [True, False]])
+@pytest.mark.parametrize(
+    "given", [7.5, True, b"7", {}, (60.17,), (60.17, "24.94"), (1, 2, 3), [True, False], np.array(3.0)]
+)
 def test_other_things_are_no_place(given: object) -> None:
     with pytest.raises(RouteError) as caught:
         read_place("origin", given)

@@ -15,7 +15,7 @@ from inspect import getdoc
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
-from sidestep.arguments import COUNT, PATH, SEED, checked, each, instance, one_of
+from sidestep.arguments import COUNT, PATH, SEED, brief, checked, each, instance, one_of
 from sidestep.environment.types import LEVELS, Information, Level
 from sidestep.errors import SidestepError, hint
 from sidestep.planners.base import Planner
@@ -121,6 +121,8 @@ def _add(source: object, use: str = "") -> PlannerInfo:
     lacking = [part for part in ("name", "level", "observes", "decide", "plan") if not hasattr(planner, part)]
     if lacking:
         raise PlannerError(f"{said}: it has no {', no '.join(lacking)}", field="planner")
+    if not isinstance(planner.name, str) or not planner.name.strip():
+        raise PlannerError(f"{said}: its name must be text, not {brief(planner.name)}", field="planner")
     for part, known in (("level", get_args(Level)), ("observes", LEVELS)):
         if getattr(planner, part) not in known:
             raise PlannerError(f"{said}: its {part} must be one of {', '.join(known)}", field="planner")

@@ -263,7 +263,9 @@ def read_place(field: str, given: object) -> Place | None:
         return None
     if isinstance(given, (int, np.integer)) and not isinstance(given, bool):
         return int(given)
-    if isinstance(given, (tuple, list, np.ndarray)) and len(given) == len(("latitude", "longitude")):
+    if isinstance(given, np.ndarray) and given.ndim == 1:
+        given = tuple(given)
+    if isinstance(given, (tuple, list)) and len(given) == len(("latitude", "longitude")):
         latitude, longitude = given
         if _is_number(latitude) and _is_number(longitude):
             return float(latitude), float(longitude)

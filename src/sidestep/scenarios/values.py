@@ -92,7 +92,7 @@ _before = rule(lambda pair: pair[0] < pair[1], "must begin before it ends")
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Phi = Annotated[float, Field(ge=0, lt=1)]
-Side = Annotated[int, Field(ge=2)]
+Side = Annotated[int, Field(ge=2, le=1_000)]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 PositiveRange = Annotated[tuple[Positive, Positive], _in_order]
