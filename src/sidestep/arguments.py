@@ -116,7 +116,7 @@ def whole(least: int = 0, most: int = MOST_WHOLE) -> Rule:
             raise ValueError
         return number
 
-    limits = f"of at least {least}" if most == MOST_WHOLE else f"from {least} to {most:,}"
+    limits = f"of at least {least} and below 2**63" if most == MOST_WHOLE else f"from {least} to {most:,}"
     return Rule(f"must be a whole number {limits}", read)
 
 
