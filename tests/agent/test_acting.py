@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.agent.acting import ACTING_DRAWS, Transition, act, epsilon, place_walkers
+from sidestep.agent.acting import ACTING_DRAWS, Transition, act, by_value, epsilon, place_walkers
 from sidestep.agent.policy import Policy
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.problem import Problem
 from sidestep.agent.q_networks import QTable
+from sidestep.environment.types import Observation
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances, sampler
 from sidestep.scenarios.futures import make_environment
@@ -27,6 +28,30 @@ def test_epsilon_falls_linearly_over_its_share(share: float, iteration: int, cha
     # Twenty iterations in all.
     config = PRESETS["paper"].changed(rounds=2, round_steps=10, epsilon=0.9, epsilon_end=0.1, epsilon_share=share)
     assert float(epsilon(config, jnp.int32(iteration))) == pytest.approx(chance)
+
+
+UNIFORM = (jnp.arange(600) + 0.5) / 600
+
+
+@pytest.mark.parametrize(
+    ("temperature", "shares"),
+    # Q of 0, ln 2, ln 3 and an exit that does not exist: in proportion 1 : 2 : 3, at half the temperature 1 : 4 : 9.
+    [(1.0, [100, 200, 300, 0]), (0.5, [43, 171, 386, 0]), (0.0, [0, 0, 600, 0]), (1e-3, [0, 0, 600, 0])],
+)
+def test_exits_are_taken_in_proportion_to_their_values(temperature: float, shares: list[int]) -> None:
+    policy = Policy(QTable(jnp.log(jnp.array([[1.0, 2.0, 3.0, 100.0]]))))
+    position, node, valid = jnp.zeros(2), jnp.int32(0), jnp.array([True, True, True, False])
+    seen = Observation(position=position, node=node, valid=valid, steps=jnp.int32(0))
+    taken = jax.vmap(lambda uniform: by_value(policy, temperature, seen, uniform))(UNIFORM)
+    np.testing.assert_array_equal(np.bincount(taken, minlength=4), shares)
+
+
+@pytest.mark.parametrize("uniform", [0.0, 1 - 2.0**-24])
+def test_no_uniform_number_leads_to_an_exit_that_does_not_exist(uniform: float) -> None:
+    policy = Policy(QTable(jnp.array([[0.0, 1.7, -0.3, 0.0]])))
+    valid = jnp.array([False, True, True, False])
+    seen = Observation(position=jnp.zeros(2), node=jnp.int32(0), valid=valid, steps=jnp.int32(0))
+    assert valid[by_value(policy, 0.7, seen, jnp.float32(uniform))]
 
 
 # --- Returns of several steps ---------------------------------------------------------------------------------------

@@ -65,7 +65,7 @@ def values(network: QNetwork, seen: Observation) -> jax.Array:
 @pytest.mark.parametrize(
     ("config", "problem"),
     [
-        (CONFIG.changed(keep="last"), PROBLEM),
+        (CONFIG.changed(keep="best"), PROBLEM),
         (PRESETS["tabular-q"].changed(rounds=1, round_steps=640), PROBLEM),
         (LOCAL, SHIFTING),
         (LOCAL.changed(level="map", places=0, destinations=2), UNSEEN),
@@ -102,9 +102,10 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Checkpoint]:
 
 def test_a_model_is_the_network_that_the_configuration_keeps(saved: tuple[Path, Checkpoint]) -> None:
     _, trained = saved
-    assert trained.model.q_network is trained.state.best
-    last = Checkpoint(trained.metadata.model_copy(update={"config": CONFIG.changed(keep="last")}), trained.state)
-    assert last.model.q_network is last.state.learner.q_network
+    assert CONFIG.keep == "last"
+    assert trained.model.q_network is trained.state.learner.q_network
+    best = Checkpoint(trained.metadata.model_copy(update={"config": CONFIG.changed(keep="best")}), trained.state)
+    assert best.model.q_network is best.state.best
 
 
 def test_margins_can_be_changed_after_training() -> None:

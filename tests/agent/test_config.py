@@ -44,7 +44,9 @@ DEFAULT, MAP = PRESETS["default"], preset("default", "map")
         ({"test_walks": 0}, "test_walks"),
         ({"places": -1}, "places"),
         ({"fresh_futures": -2}, "fresh_futures"),
-        ({"fresh_futures": 65}, "fresh_futures"),  # of 64
+        ({"futures": 64, "fresh_futures": 65}, "fresh_futures"),
+        ({"futures_reach": -1.0}, "futures_reach"),
+        ({"temperature": -0.5}, "temperature"),
         ({"correction_margin_seconds": -1.0}, "correction_margin_seconds"),
         ({"correction_margin_seconds": 3.0}, "correction_margin_seconds"),  # level position has no estimate
         ({"estimate_when_revisiting": True}, "estimate_when_revisiting"),

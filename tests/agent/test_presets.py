@@ -128,10 +128,10 @@ def test_positions_mean_nothing_on_other_maps(name: str) -> None:
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_forecasts_of_large_maps_are_few(level: str) -> None:
-    small, large = (preset("default", level, nodes=nodes) for nodes in (256, 1024))
+def test_futures_of_large_maps_are_few(level: str) -> None:
+    small, large = (preset("default", level, nodes=nodes) for nodes in (36, 1024))
     assert small == preset("default", level)
-    assert (large == small) == (level != "live")
+    assert (large == small) == (level not in ("position", "live"))
     assert large.futures <= small.futures
     assert preset("dqn", level, nodes=1024).futures == large.futures
 
@@ -144,6 +144,18 @@ def test_a_table_never_overshoots() -> None:
     assert table.learning_rate_end * 2 == pytest.approx(0.01)
     # from the steps that were just made, one each
     assert table.batch == table.capacity == table.walkers
+
+
+def test_large_maps_have_fewer_futures_at_level_position() -> None:
+    futures = [preset("default", nodes=nodes).futures for nodes in (9, 36, 72, 576, 577, 10_000)]
+    assert futures == [1024, 1024, 512, 64, 64, 64]
+
+
+def test_the_network_of_the_last_step_is_kept_but_for_the_table() -> None:
+    # Ten noisy walks say little about a network; a table that follows every reward does not settle.
+    assert {name: config.keep for name, config in PRESETS.items()} == {
+        "paper": "last", "default": "last", "dqn": "last", "tabular-q": "best",
+    }  # fmt: skip
 
 
 # --- Towns ----------------------------------------------------------------------------------------------------------
@@ -187,10 +199,11 @@ def test_the_scenario_says_the_level() -> None:
 # --- The default, for real ------------------------------------------------------------------------------------------
 
 
-def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> None:
+@pytest.mark.parametrize("seed", [0, 1])  # with the target at half the speed the training of seed 0 ends 2 % off
+def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast(seed: int) -> None:
     problem = scenario("paper-congested", flows="forecast")
-    scenario_map = draw_map(problem, seed=1)
-    darp = trained_darp(train(problem, PRESETS["default"], seed=1).model)
+    scenario_map = draw_map(problem, seed)
+    darp = trained_darp(train(problem, PRESETS["default"], seed=seed).model)
     params = make_environment(problem, scenario_map, "test", 1)
     todo = instances(problem, scenario_map, params, 1)
 
@@ -200,6 +213,6 @@ def test_the_default_solves_a_congested_map_whose_crowds_are_as_forecast() -> No
     learned, best, shortest = walk(darp), walk(Clairvoyant()), walk(ShortestPath())
     assert learned.arrived.all()
     # The crowds of training are those of the test here, so what the last test walks found is what is walked.
-    np.testing.assert_allclose(darp.curve.min() * 60, learned.seconds, rtol=1e-4)
-    assert float(best.seconds[0]) * (1 - 1e-5) <= float(learned.seconds[0]) <= 1.01 * float(best.seconds[0])
+    np.testing.assert_allclose(darp.curve[-1] * 60, float(learned.seconds[0]), rtol=1e-4)
+    assert float(best.seconds[0]) * (1 - 1e-5) <= float(learned.seconds[0]) <= 1.003 * float(best.seconds[0])
     assert learned.seconds[0] < 0.9 * shortest.seconds[0]  # and it is a map on which there is something to learn

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy
 from sidestep.agent.problem import Problem
+from sidestep.agent.td import mask
 from sidestep.environment.dynamics import random_exit, reset, step
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvState, Observation
@@ -111,7 +112,8 @@ def act(
     def one(
         state: EnvState, seen: Observation, draw: Float[Array, " draw"]
     ) -> tuple[EnvState, Observation, Transition, Bool[Array, ""]]:
-        action = jnp.where(draw[0] < chance, random_exit(seen.valid, draw[1]), policy(seen))
+        chosen = by_value(policy, config.temperature, seen, draw[1])
+        action = jnp.where(draw[0] < chance, random_exit(seen.valid, draw[1]), chosen)
         after, outcome = step(params, state, action)
         over = outcome.terminated | outcome.truncated
         fresh, _ = reset(params, problem.sampler.sample(draw[2:]))
@@ -137,6 +139,34 @@ def act(
     pending = jax.tree.map(lambda old, new: jnp.concatenate([old[1:], new[None]]), grown, latest)
     still = jnp.concatenate([(going & ~over)[1:], ~over[None]])
     return Walkers(state, observation, pending, still), complete
+
+
+def by_value(policy: Policy, temperature: float, seen: Observation, uniform: Float[Array, ""]) -> Int[Array, ""]:
+    """Take the best exit or, at a temperature, each in proportion to exp(Q / temperature).
+
+    Noise hides which of two nearly equal paths is better until both have been walked often; ε-greedy steps hardly ever
+    walk the one that looks worse.
+
+    Parameters
+    ----------
+    policy
+        Whose values are compared.
+    temperature
+        In units of reward; 0 takes the best.
+    seen
+        What the walker observes.
+    uniform
+        A number in [0, 1).
+
+    Returns
+    -------
+    Int[Array, ""]
+        A valid exit.
+    """
+    if not temperature:
+        return policy(seen)
+    up_to = jnp.cumsum(jax.nn.softmax(mask(policy.q_network(seen), seen.valid) / temperature))
+    return jnp.argmax(up_to > uniform * up_to[-1])
 
 
 def epsilon(config: TrainConfig, iteration: Int[Array, ""]) -> Float[Array, ""]:

@@ -107,6 +107,9 @@ class TrainConfig(Spec):
     """The network that a run results in: that of the best test walks, or the last."""
     level: Information = "position"
     """What the walker observes."""
+    temperature: NonNegative = 0.0
+    """Steps of training that are not random take each exit in proportion to exp(Q / temperature), in units of reward:
+    exits nearly as good as the best are then tried nearly as often. 0 takes the best alone."""
     table: bool = False
     """Level ``position``: learn a number for every crossing and exit instead of a network."""
     dueling: bool = True
@@ -119,6 +122,9 @@ class TrainConfig(Spec):
     """Steps in each return."""
     futures: Count = 64
     """Futures that training walks meet; test walks have their own."""
+    futures_reach: NonNegative = 0.0
+    """On grids: how far futures of training and test walks reach, in times that a straight walk from corner to corner
+    takes at free speed. Later, crowds stay as they are then. 0 reaches to the horizon."""
     fresh_futures: CountFrom0 = 0
     """Futures that are replaced by new ones after every round, in turn."""
     destinations: Count = 1

@@ -27,11 +27,15 @@ _PAPER = TrainConfig(
     epsilon=0.1, epsilon_end=0.1, epsilon_share=1.0, random_origins=0.0, keep="last",
 )  # fmt: skip
 
+# Crowds are noisy and paths nearly equal: only the mean over many futures, on both of two paths, tells which is better.
+# Hence a thousand futures, which need not reach further than walks, and a temperature. The target follows fast, so that
+# values reach the origin while walkers are still scattered and correct what is wrong on the way.
 _POSITION = TrainConfig(
     rounds=40, round_steps=2_560, walkers=64, batch=256, capacity=20_032, alpha=0.6, beta=1.0, priority_floor=0.01,
-    gamma=1.0, double=True, hidden=(50, 50), one_hot=True, unit=10.0, target_period=1, target_rate=0.02,
+    gamma=1.0, double=True, hidden=(50, 50), one_hot=True, unit=10.0, target_period=1, target_rate=0.05,
     optimiser="adam", learning_rate=3e-3, learning_rate_end=0.0, decay=0.9, damping=1e-10,
-    epsilon=1.0, epsilon_end=0.05, epsilon_share=0.3, random_origins=0.5, keep="best",
+    epsilon=1.0, epsilon_end=0.05, epsilon_share=0.3, random_origins=0.5, keep="last",
+    temperature=0.5, futures=1_024, futures_reach=3.5,
 )  # fmt: skip
 
 # Walkers that see more than their position begin as their level's greedy planner, so they need explore less.
@@ -55,13 +59,16 @@ _DEFAULT: dict[Information, TrainConfig] = {"position": _POSITION, "local": _LOC
 # all are of one crossing and exit, it still does not overshoot.
 _TABLE = _POSITION.changed(
     table=True, batch=64, capacity=64, alpha=0.0, double=False, target_rate=1.0, optimiser="sgd",
-    unit=1.0, learning_rate=0.5, learning_rate_end=0.005,
+    unit=1.0, learning_rate=0.5, learning_rate_end=0.005, keep="best", temperature=0.0, futures=64, futures_reach=0.0,
 )  # fmt: skip
 
 _POSITION_ONLY: dict[Preset, TrainConfig] = {"paper": _PAPER, "tabular-q": _TABLE}
 
 _MANY_NODES = 500
 """From here on forecasts take so long that level ``live`` has to do with fewer futures."""
+
+_TABULATED = 36 * 1_024
+"""Nodes times futures that level ``position`` learns from: on larger maps there are fewer futures, down to 64."""
 
 # Streets in towns are short, and jams make some walks many times longer than most: hence long returns, small steps,
 # errors that do not count by their squares.
@@ -89,7 +96,8 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
     several_maps
         Whether several maps are learned; then nothing is remembered of their nodes.
     nodes
-        Nodes of the map. Forecasts of large maps take long, so that level ``live`` has fewer futures there.
+        Nodes of the map. Futures of large maps take much memory, and forecasts long, so that levels ``position`` and
+        ``live`` have fewer futures there.
 
     Returns
     -------
@@ -123,6 +131,8 @@ def preset(name: Preset, level: Information = "position", *, several_maps: bool 
             )
         return _POSITION_ONLY[name]
     config = _DEFAULT[level]
+    if level == "position" and nodes:
+        config = config.changed(futures=min(max(_TABULATED // nodes, 64), config.futures))
     if several_maps:
         config = config.changed(places=0, futures=16, fresh_futures=4, destinations=4)
     if level == "live" and nodes > _MANY_NODES:

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -45,7 +46,9 @@ def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> 
     """
     destinations = destinations_of(scenario_map, config.destinations)
     futures = config.futures + config.test_walks
-    params = make_environment(scenario, scenario_map, "learn", futures, level=config.level, destinations=destinations)
+    near = as_far_as_futures_reach(config, scenario)
+    params = make_environment(near, scenario_map, "learn", futures, level=config.level, destinations=destinations)
+    params = replace(params, horizon=jnp.float32(scenario.horizon))  # walks go on beyond
     here = sampler(scenario, scenario_map, params, config.futures, destinations=destinations)
     several = destinations if config.destinations > 1 else None
     tests = instances(scenario, scenario_map, params, config.test_walks, first=config.futures, destinations=several)
@@ -87,6 +90,7 @@ def renewed(
     EnvParams
         With the futures of the next round.
     """
+    scenario = as_far_as_futures_reach(config, scenario)
     if not config.fresh_futures:
         yield from itertools.repeat(params)
 
@@ -104,3 +108,24 @@ def renewed(
         yield params
         params = upcoming.result()
     yield params
+
+
+def as_far_as_futures_reach(config: TrainConfig, scenario: Scenario) -> Scenario:
+    """Give a scenario the horizon up to which futures of training walks are drawn.
+
+    Parameters
+    ----------
+    config
+        How far they reach.
+    scenario
+        What is learned.
+
+    Returns
+    -------
+    Scenario
+        The same where they reach as far as its walks.
+    """
+    if not config.futures_reach:
+        return scenario
+    reach = config.futures_reach * scenario.place.across / scenario.walker.free_speed
+    return scenario.changed(horizon=min(reach, scenario.horizon))

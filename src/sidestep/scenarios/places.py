@@ -83,6 +83,11 @@ class Grid(Spec):
         return self.side**2
 
     @property
+    def across(self) -> float:
+        """Metres from corner to corner along streets of mean length, on the first map."""
+        return (self.side - 1) * sum(self.lengths)
+
+    @property
     def sides(self) -> tuple[int, ...]:
         """Sides of the maps, in turn."""
         return (self.side, *self.larger)
@@ -308,6 +313,7 @@ class Venue(Spec):
     anywhere: ClassVar[bool] = True
     training_maps: ClassVar[int] = 0
     nodes: ClassVar[int] = 0  # only its streets know
+    across: ClassVar[float] = math.inf  # futures reach as far as walks
 
     @property
     def files(self) -> tuple[str, ...]:
