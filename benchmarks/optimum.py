@@ -31,7 +31,7 @@ from sidestep.scenarios.model import Scenario
 OFF, FAR_OFF = 0.3, 1.0
 """Per cent that walks take longer than those of `expected`."""
 
-HORIZON = 4 * 3600.0
+HORIZON = 3 * 3600.0
 """Of the walks that judge, in s: the best take an hour, and futures that reach less far are drawn sooner."""
 
 BEST = "expected"
@@ -56,7 +56,7 @@ def learned(preset: str, problem: Scenario, scenario_map: ScenarioMap) -> tuple[
     config = PRESETS[preset]
     began = perf_counter()
     *_, (state, _) = training_rounds(config, problem, scenario_map)
-    q_network = jax.block_until_ready(state.best if config.keep == "best" else state.learner.q_network)
+    q_network = jax.block_until_ready(state.learner.q_network if config.keep == "last" else state.best)
     seconds = perf_counter() - began
     return Darp(deployed(config, q_network, problem.reward.unit_seconds), np.zeros((0, 0))), seconds
 

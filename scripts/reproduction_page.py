@@ -34,6 +34,8 @@ crowds, which training never met. Minutes are means with 95 % bootstrap interval
 counts as 24 hours. *Saved* is against `shortest-path`; *over the clairvoyant* is the distance to the lower bound, the
 time of a planner that knows the future. `expected` is the best plan that can be made beforehand. The docstring of
 [`experiments/paper.py`](../src/sidestep/experiments/paper.py) lists what we had to decide or correct.
+[`benchmarks/optimum.py`](../benchmarks/README.md#optimumpy-does-a-training-end-at-the-best-plan) counts how often `darp` does
+not end at the best plan.
 
 ## What holds
 

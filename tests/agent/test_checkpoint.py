@@ -102,10 +102,13 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Checkpoint]:
 
 def test_a_model_is_the_network_that_the_configuration_keeps(saved: tuple[Path, Checkpoint]) -> None:
     _, trained = saved
-    assert CONFIG.keep == "last"
-    assert trained.model.q_network is trained.state.learner.q_network
-    best = Checkpoint(trained.metadata.model_copy(update={"config": CONFIG.changed(keep="best")}), trained.state)
-    assert best.model.q_network is best.state.best
+    for keep, kept in (
+        ("last", trained.state.learner.q_network),
+        ("best", trained.state.best),
+        ("mean", trained.state.best),
+    ):
+        metadata = trained.metadata.model_copy(update={"config": CONFIG.changed(keep=keep)})
+        assert Checkpoint(metadata, trained.state).model.q_network is kept
 
 
 def test_margins_can_be_changed_after_training() -> None:

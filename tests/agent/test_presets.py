@@ -151,10 +151,10 @@ def test_large_maps_have_fewer_futures_at_level_position() -> None:
     assert futures == [1024, 1024, 512, 64, 64, 64]
 
 
-def test_the_network_of_the_last_step_is_kept_but_for_the_table() -> None:
+def test_what_is_kept() -> None:
     # Ten noisy walks say little about a network; a table that follows every reward does not settle.
     assert {name: config.keep for name, config in PRESETS.items()} == {
-        "paper": "last", "default": "last", "dqn": "last", "tabular-q": "best",
+        "paper": "last", "default": "mean", "dqn": "mean", "tabular-q": "best",
     }  # fmt: skip
 
 

@@ -204,6 +204,21 @@ def test_the_best_network_stays_until_a_better_one_comes(
     assert after.best_minutes == (report.test_minutes.mean() if replaced else best_so_far)
 
 
+def test_the_mean_is_of_the_networks_of_the_last_quarter_of_rounds(
+    states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap
+) -> None:
+    means = [
+        state.best for state, _ in follow_training(training_rounds(SMALL.changed(keep="mean"), problem, scenario_map))
+    ]
+    networks = [state.learner.q_network for state in states]  # what is kept changes nothing that is learned
+    for mean, network in zip(means[:16], networks[:16], strict=True):
+        assert eqx.tree_equal(mean, network)
+    for rounds in (17, 18, 20):
+        expected = jax.tree.map(lambda *leaves: np.mean(leaves, axis=0), *networks[15:rounds])
+        assert eqx.tree_equal(means[rounds - 1], expected, rtol=1e-4, atol=1e-5)
+    assert not eqx.tree_equal(means[-1], networks[-1], rtol=1e-2)
+
+
 def test_keep_chooses_between_best_and_last(states: list[TrainState], problem: Scenario) -> None:
     state = eqx.tree_at(lambda s: s.best, states[3], jax.tree.map(lambda leaf: leaf + 1, states[3].learner.q_network))
     for keep, kept in (("best", state.best), ("last", state.learner.q_network)):

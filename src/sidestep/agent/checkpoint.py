@@ -97,9 +97,9 @@ class Checkpoint:
 
     @property
     def model(self) -> Model:
-        """What was learned so far: the best network in test walks or the last, as configured."""
-        keeps_best = self.metadata.config.keep == "best"
-        return Model(self.metadata, self.state.best if keeps_best else self.state.learner.q_network)
+        """What was learned so far: the best network in test walks, the last or the mean, as configured."""
+        keeps_last = self.metadata.config.keep == "last"
+        return Model(self.metadata, self.state.learner.q_network if keeps_last else self.state.best)
 
 
 def save(checkpoint: Checkpoint, folder: Path) -> None:

@@ -103,8 +103,9 @@ class TrainConfig(Spec):
     """Share of the training over which ε falls linearly."""
     random_origins: Share
     """Share of the training whose episodes begin anywhere; with several destinations all of it."""
-    keep: Literal["best", "last"]
-    """The network that a run results in: that of the best test walks, or the last."""
+    keep: Literal["best", "last", "mean"]
+    """The network that a run results in: that of the best test walks, the last, or the mean of those after each of the
+    last quarter of rounds."""
     level: Information = "position"
     """What the walker observes."""
     temperature: NonNegative = 0.0

@@ -28,14 +28,15 @@ _PAPER = TrainConfig(
 )  # fmt: skip
 
 # Crowds are noisy and paths nearly equal: only the mean over many futures, on both of two paths, tells which is better.
-# Hence a thousand futures, which need not reach further than walks, and a temperature. The target follows fast, so that
-# values reach the origin while walkers are still scattered and correct what is wrong on the way.
+# Hence a thousand futures, which need not reach further than walks, a temperature, a replay that holds all steps of the
+# second half, and the mean network. The target follows fast, so that values reach the origin while walkers are still
+# scattered and correct what is wrong on the way.
 _POSITION = TrainConfig(
-    rounds=40, round_steps=2_560, walkers=64, batch=256, capacity=20_032, alpha=0.6, beta=1.0, priority_floor=0.01,
+    rounds=40, round_steps=2_560, walkers=64, batch=256, capacity=51_200, alpha=0.6, beta=1.0, priority_floor=0.01,
     gamma=1.0, double=True, hidden=(50, 50), one_hot=True, unit=10.0, target_period=1, target_rate=0.05,
     optimiser="adam", learning_rate=3e-3, learning_rate_end=0.0, decay=0.9, damping=1e-10,
-    epsilon=1.0, epsilon_end=0.05, epsilon_share=0.3, random_origins=0.5, keep="last",
-    temperature=0.5, futures=1_024, futures_reach=3.5,
+    epsilon=1.0, epsilon_end=0.05, epsilon_share=0.3, random_origins=0.5, keep="mean",
+    temperature=0.5, futures=1_024, futures_reach=2.0,
 )  # fmt: skip
 
 # Walkers that see more than their position begin as their level's greedy planner, so they need explore less.

@@ -1,5 +1,6 @@
 """Training rounds: act, remember, learn, test; one compiled program per round (the paper's algorithm 1)."""
 
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -34,9 +35,9 @@ class TrainState(eqx.Module):
     """Iterations done: gradient steps, and steps of each walker."""
     key: Key[Array, ""]
     best: QNetwork
-    """The network of the best test walks so far."""
+    """The network of the best test walks so far or, where the mean is kept, the mean."""
     best_minutes: Float[Array, ""]
-    """Their mean, min."""
+    """Mean of the best test walks so far, min."""
 
 
 class RoundReport(eqx.Module):
@@ -138,15 +139,24 @@ def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tup
     key, now = jax.random.split(state.key)
     draws = jax.random.uniform(now, (config.iterations, config.walkers * ACTING_DRAWS + config.batch))
     state, losses = jax.lax.scan(partial(_iterate, config, problem), replace(state, key=key), draws)
-    q_network = state.learner.q_network
+    q_network = _mean(config, state) if config.keep == "mean" else state.learner.q_network
     policy = deployed(config, q_network, problem.params.reward.unit_seconds)
     tested = jax.vmap(lambda test: walk(problem.params, policy, test, key))(problem.tests)
     minutes = tested.cost / 60
     mean = jnp.mean(minutes)
+    best_minutes = jnp.minimum(mean, state.best_minutes)
     better = partial(jnp.where, mean <= state.best_minutes)
-    best, best_minutes = jax.tree.map(better, (q_network, mean), (state.best, state.best_minutes))
+    best = q_network if config.keep == "mean" else jax.tree.map(better, q_network, state.best)
     report = RoundReport(minutes, tested.arrived, jnp.mean(losses))
     return replace(state, best=best, best_minutes=best_minutes), report
+
+
+def _mean(config: TrainConfig, state: TrainState) -> QNetwork:
+    """Mean of the networks after each of the last quarter of rounds; before that quarter, the latest network."""
+    before = config.rounds - math.ceil(config.rounds / 4)
+    number = jnp.maximum(state.iteration // config.iterations - before, 1)
+    share = 1 / number
+    return jax.tree.map(lambda new, mean: share * new + (1 - share) * mean, state.learner.q_network, state.best)
 
 
 def _iterate(
