@@ -47,7 +47,15 @@ def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> 
     destinations = destinations_of(scenario_map, config.destinations)
     futures = config.futures + config.test_walks
     near = as_far_as_futures_reach(config, scenario)
-    params = make_environment(near, scenario_map, "learn", futures, level=config.level, destinations=destinations)
+    params = make_environment(
+        near,
+        scenario_map,
+        "learn",
+        futures,
+        level=config.level,
+        destinations=destinations,
+        samples=None if config.level in ("map", "live") else 0,  # below, nobody knows what is expected
+    )
     params = replace(params, horizon=jnp.float32(scenario.horizon))  # walks go on beyond
     here = sampler(scenario, scenario_map, params, config.futures, destinations=destinations)
     several = destinations if config.destinations > 1 else None

@@ -16,18 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.crossing import crossings, static_crossing, static_crossing_in, with_mean_waits
-from sidestep.environment.types import (
-    DENSITY_SCALE,
-    EnvParams,
-    ExpectedCostToGo,
-    Instance,
-    KnowledgeError,
-    LiveCostToGo,
-)
+from sidestep.environment.crossing import Field, crossings, static_crossing_in, with_mean_waits
+from sidestep.environment.types import EnvParams, ExpectedCostToGo, Instance, KnowledgeError, LiveCostToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
+from sidestep.walking.expected_times import Speeds
 from sidestep.walking.objective import Crossing
-from sidestep.walking.speed_field import SpeedField, Speeds
+from sidestep.walking.speed_field import SpeedField
 from sidestep.walking.waits import Wait
 
 UNREACHABLE = 1e9
@@ -173,16 +167,16 @@ def gate_steps(params: EnvParams, slot_seconds: float, step: float = GATE_STEP) 
 
 
 def field_cost_to_go(
-    params: EnvParams, speeds: SpeedField, wait: Wait, destination: Destination, *, every: int = 1
+    params: EnvParams, speeds: Field, wait: Wait, destination: Destination, *, every: int = 1
 ) -> Float[Array, "step node"]:
-    """Cost from every node through one future, whose last slot lasts for ever.
+    """Cost from every node through one future, or as expected; the last slot lasts for ever.
 
     Parameters
     ----------
     params
         The environment.
     speeds, wait
-        In that future: walking speeds, and seconds to wait before segments.
+        Walking speeds, or expected times to cross, and seconds to wait before segments.
     destination
         Nodes of the destination; the nearest one counts.
     every
@@ -194,15 +188,15 @@ def field_cost_to_go(
         Cost in s as each step begins.
     """
     network, crossed = params.network, crossings(params, speeds, wait, every=every)
-    begins = jnp.full(network.segments, (speeds.slots - 1) * speeds.slot_seconds)
-    density, waited = lambda: speeds.known_density[:, -1], wait(jnp.arange(network.segments), begins)
-    ever_after = static_crossing(params, network.length, speeds.speed[:, -1], density, waited)
-    later = static_cost_to_go(network, ever_after.cost, destination)
+    later = static_cost_to_go(network, crossed.cost[-every], destination)  # as the last slot begins
     return cost_to_go(network, crossed, speeds.slot_seconds / every, destination, later)
 
 
 def expected_cost_to_go(
-    params: EnvParams, destinations: Bool[Array, "destination node"], hours: Float[Array, " destination"]
+    params: EnvParams,
+    destinations: Bool[Array, "destination node"],
+    hours: Float[Array, " destination"],
+    scaled: Speeds | None = None,
 ) -> ExpectedCostToGo:
     """Expected costs of getting to some destinations.
 
@@ -214,6 +208,8 @@ def expected_cost_to_go(
         Nodes of each destination; no node may belong to two.
     hours
         Hour of the week at which walks to each of them set out.
+    scaled
+        What is expected in crowds ``DENSITY_SCALE`` times as dense, if that is known.
 
     Returns
     -------
@@ -230,10 +226,9 @@ def expected_cost_to_go(
 
         return jax.lax.map(one, jnp.arange(len(destinations)))
 
-    expected = params.expected
-    scaled = tables(expected.scaled(DENSITY_SCALE)) if expected.interpolated else None
     number = jnp.where(destinations.any(axis=0), jnp.argmax(destinations, axis=0), ABSENT)
-    return ExpectedCostToGo(tables(expected), number.astype(jnp.int32), scaled, every)
+    of_scaled = None if scaled is None else tables(scaled)
+    return ExpectedCostToGo(tables(params.expected), number.astype(jnp.int32), of_scaled, every)
 
 
 def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counter"], ahead: Ahead) -> LiveCostToGo:

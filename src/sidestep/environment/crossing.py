@@ -8,9 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import EnvParams
-from sidestep.walking.crossing_time import crossing_time, crossing_times, exposure, slot_at
+from sidestep.walking.crossing_time import crosser, crossing_time, exposure, slot_at
+from sidestep.walking.expected_times import CrossingTimes, Speeds
 from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
-from sidestep.walking.speed_field import SpeedField, Speeds
+from sidestep.walking.speed_field import SpeedField
 from sidestep.walking.waits import Segments, Wait
 
 LOST = 1e9
@@ -55,9 +56,13 @@ def cross(
     return cross_at_speeds(params, speeds, wait, segment, clock, latest)
 
 
+Field = SpeedField | CrossingTimes
+"""Speeds in one future, or expected times."""
+
+
 def cross_at_speeds(
     params: EnvParams,
-    speeds: SpeedField,
+    speeds: Field,
     wait: Wait,
     segment: Int[Array, ""],
     clock: Float[Array, ""],
@@ -74,7 +79,7 @@ def cross_at_speeds(
 
 
 def crossings(
-    params: EnvParams, speeds: SpeedField, wait: Wait, *, begins: Float[Array, ""] | float = 0.0, every: int = 1
+    params: EnvParams, speeds: Field, wait: Wait, *, begins: Float[Array, ""] | float = 0.0, every: int = 1
 ) -> Crossing:
     """Walk all segments, entered as slots begin.
 
@@ -83,7 +88,7 @@ def crossings(
     params
         The environment.
     speeds
-        In one future.
+        In one future, or expected times.
     wait
         Seconds to wait before segments.
     begins
@@ -98,12 +103,12 @@ def crossings(
     """
     length, segments = params.network.length, jnp.arange(params.network.segments)
     steps = jnp.arange(speeds.slots * every) * (speeds.slot_seconds / every)
-    speed, covered = speeds.speed.T, speeds.covered.T
+    seconds_to_cross = crosser(speeds, length, params.rule)
 
     def at(clock: Float[Array, ""]) -> Crossing:
         come = jnp.full(segments.shape, clock)
         waited = wait(segments, begins + come)
-        seconds = waited + crossing_times(speed, covered, speeds.slot_seconds, length, come + waited, params.rule)
+        seconds = waited + seconds_to_cross(come + waited)
         return _lost(params, _crossing(params.objective, speeds, come, seconds, length), waited)
 
     return jax.lax.map(at, steps)
@@ -148,7 +153,7 @@ def _lost(params: EnvParams, crossed: Crossing, waited: Numbers | float) -> Cros
     return replace(crossed, cost=crossed.cost + LOST * (waited > params.horizon))
 
 
-def _crossing(objective: Objective, speeds: SpeedField, clock: Numbers, seconds: Numbers, length: Numbers) -> Crossing:
+def _crossing(objective: Objective, speeds: Field, clock: Numbers, seconds: Numbers, length: Numbers) -> Crossing:
     """What it costs to come to segments at clocks and to leave them so many seconds later."""
 
     # Walkers who wait stand in the crowd of the street that they are about to walk.

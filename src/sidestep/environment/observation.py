@@ -10,8 +10,8 @@ from sidestep.environment.cost_to_go import at_clock, known_cost_to_go, known_li
 from sidestep.environment.crossing import static_crossing, static_crossing_in, with_mean_waits
 from sidestep.environment.types import RECENT_NODES, EnvParams, EnvState, Expected, Live, Local, Observation
 from sidestep.walking.crossing_time import slot_at
+from sidestep.walking.expected_times import Speeds
 from sidestep.walking.objective import Crossing
-from sidestep.walking.speed_field import Speeds
 
 EMPTY = 0.02
 """Persons/m² that make no difference to :attr:`sidestep.environment.types.Expected.log_density_ratio`."""

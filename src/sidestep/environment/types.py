@@ -13,9 +13,9 @@ from jaxtyping import Array, Bool, Float, Int
 from sidestep.errors import SidestepError
 from sidestep.network.graph import RoadNetwork
 from sidestep.walking.crossing_time import CrossingRule
+from sidestep.walking.expected_times import Speeds
 from sidestep.walking.objective import Crossing, Objective, TravelTime
 from sidestep.walking.opening import AnyWaits
-from sidestep.walking.speed_field import Speeds
 from sidestep.walking.speed_laws import FREE_SPEED
 from sidestep.walking.waits import NoWaits, Wait, light_phases
 
@@ -137,7 +137,7 @@ class EnvParams(eqx.Module):
     futures: Futures
     """Those that an episode may meet."""
     expected: Speeds
-    """In the expected crowds: those of each destination's hour, or the only ones where hours do not matter."""
+    """What is expected of speeds and crowds at each destination's hour, or at any where hours do not matter."""
     horizon: Float[Array, ""]
     """Seconds after departure at which a walk is cut off."""
     reward: RewardWeights = RewardWeights()

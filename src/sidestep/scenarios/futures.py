@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,7 @@ from sidestep.arguments import COUNT, FLAG, NUMBER, checked, each, one_of, whole
 from sidestep.crowds.base import Field, FlowModel
 from sidestep.environment.cost_to_go import WINDOW, expected_cost_to_go, live_cost_to_go
 from sidestep.environment.types import (
+    DENSITY_SCALE,
     LEVELS,
     EnvParams,
     Futures,
@@ -26,11 +26,12 @@ from sidestep.environment.types import (
 )
 from sidestep.network.graph import RoadNetwork
 from sidestep.scenarios.episodes import MOST_NUMBERED, NODES, check_nodes, destinations_of
+from sidestep.scenarios.expectation import Crowds, Expectation
 from sidestep.scenarios.maps import A_MAP, PURPOSES, Purpose, ScenarioMap, purpose_key
 from sidestep.scenarios.model import A_SCENARIO, Scenario, objective_of, reward_of
 from sidestep.scenarios.spec import ScenarioError
+from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
-from sidestep.walking.speed_laws import SpeedLaw
 
 
 @checked(
@@ -44,6 +45,7 @@ from sidestep.walking.speed_laws import SpeedLaw
     hours=each(NUMBER, "a list of hours of the week"),
     part=whole(0, MOST_NUMBERED),
     densities=FLAG,
+    samples=whole(0, MOST_NUMBERED),
 )
 def make_environment(
     scenario: Scenario,
@@ -56,6 +58,7 @@ def make_environment(
     hours: Sequence[float] | None = None,
     part: int = 0,
     densities: bool = False,
+    samples: int | None = None,
 ) -> EnvParams:
     """The environment on one map with possible futures for one purpose.
 
@@ -79,6 +82,10 @@ def make_environment(
         Each part of a comparison has futures of its own.
     densities
         Whether densities are kept beside speeds even where the objective does not need them.
+    samples
+        Futures that expected times to cross are means over, for each hour; by default as many as the size of the map
+        allows. They are drawn from the crowds to learn from, and are those of no other purpose. With 0, times are those
+        in the mean crowds: for walkers who know nothing of either.
 
     Returns
     -------
@@ -109,11 +116,14 @@ def make_environment(
     hours = scenario.place.departure_hours(len(nodes), part * futures) if hours is None else hours
     objective = objective_of(scenario.objective)
     return _environment(
-        _Crowds.of(scenario, scenario_map.flow_for(purpose)),
+        Crowds.of(scenario, scenario_map.flow_for(purpose)),
+        Crowds.of(scenario, scenario_map.flow),
         purpose_key(scenario_map, purpose, part),
+        purpose_key(scenario_map, "expect"),
         jnp.asarray(hours, jnp.float32),
         jnp.asarray(nodes, jnp.int32),
         futures=futures,
+        samples=samples,
         densities=densities or objective.needs_density,
         level=level,
         rule=scenario.rule,
@@ -150,7 +160,7 @@ def sample_futures(
         As many as were asked for.
     """
     index = _in_turn(params, turn * futures, futures, among)
-    crowds, key = _Crowds.of(scenario, scenario_map.flow), purpose_key(scenario_map, "learn", turn)
+    crowds, key = Crowds.of(scenario, scenario_map.flow), purpose_key(scenario_map, "learn", turn)
     return _sampled(crowds, params, key, index)
 
 
@@ -200,23 +210,10 @@ def see_counts(
     EnvParams
         Its futures have the costs that follow from counts and forecasts.
     """
-    return _with_counts(_Crowds.of(scenario, flow), params, slots, forecasts=forecasts)
+    return _with_counts(Crowds.of(scenario, flow), params, slots, forecasts=forecasts)
 
 
 _replaced = jax.jit(Futures.replaced)
-
-
-class _Crowds(eqx.Module):
-    """Where futures come from."""
-
-    flow: FlowModel
-    law: SpeedLaw
-    slots: int = eqx.field(static=True)
-    as_expected: bool = eqx.field(static=True)  # crowds come as they are expected, without noise
-
-    @staticmethod
-    def of(scenario: Scenario, flow: FlowModel) -> "_Crowds":
-        return _Crowds(flow, scenario.speed_law, scenario.slots, scenario.flows == "forecast")
 
 
 def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among: int | None) -> Int[Array, " future"]:
@@ -224,37 +221,42 @@ def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among
     return (first + jnp.arange(futures)) % min(among or params.futures.count, params.futures.count)
 
 
-@partial(jax.jit, static_argnames=("futures", "densities", "level", "rule", "free_speed"))
+@partial(jax.jit, static_argnames=("futures", "samples", "densities", "level", "rule", "free_speed"))
 def _environment(
-    crowds: _Crowds,
+    crowds: Crowds,
+    learned: Crowds,
     key: Key[Array, ""],
+    key_of_expected: Key[Array, ""],
     hours: Float[Array, " destination"],
     destinations: Int[Array, "destination part"],
     *,
     futures: int,
+    samples: int | None,
     densities: bool,
     level: Information,
     network: RoadNetwork,
+    rule: CrossingRule,
     **rest: Any,
 ) -> EnvParams:
-    field = crowds.flow.expected(hours, crowds.slots)
-    expected = walking_speeds(network, field, crowds.law, densities=densities)
-    params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, **rest)
+    expectation = Expectation(learned, network, key_of_expected, hours, rule, samples, densities)
+    expected = expectation.speeds()
+    params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, rule=rule, **rest)
     if level in ("map", "live"):
         nothing = jnp.zeros((len(destinations), network.nodes), bool)
         where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)
-        params = replace(params, cost_to_go=expected_cost_to_go(params, where, hours))
+        scaled = expectation.speeds(DENSITY_SCALE) if expected.interpolated else None
+        params = replace(params, cost_to_go=expected_cost_to_go(params, where, hours, scaled))
     number = expected.count if crowds.as_expected else futures
     return replace(params, futures=_drawn(crowds, params, key, destinations_in_turn(number, hours)))
 
 
 @jax.jit
-def _sampled(crowds: _Crowds, params: EnvParams, key: Key[Array, ""], index: Int[Array, " future"]) -> Futures:
+def _sampled(crowds: Crowds, params: EnvParams, key: Key[Array, ""], index: Int[Array, " future"]) -> Futures:
     old = params.futures
     return _drawn(crowds, params, key, (old.destination[index], old.hour[index], old.phase[index]))
 
 
-def _drawn(crowds: _Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant) -> Futures:
+def _drawn(crowds: Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant) -> Futures:
     """Possible futures and, at level ``live``, the costs that can be worked out from their counts."""
     flow, slots, (_, hour, _) = crowds.flow, crowds.slots, meant
     field = flow.expected(hour, slots) if crowds.as_expected else flow.draw(key, hour, slots)
@@ -265,7 +267,7 @@ def _drawn(crowds: _Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant
     return replace(futures, cost_to_go=_live_cost_to_go(crowds, replace(params, futures=futures), field))
 
 
-def _live_cost_to_go(crowds: _Crowds, params: EnvParams, field: Field) -> LiveCostToGo:
+def _live_cost_to_go(crowds: Crowds, params: EnvParams, field: Field) -> LiveCostToGo:
     def ahead(now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""]) -> SpeedField:
         forecast = replace(field, counted=crowds.flow.ahead(now, hour, slot, WINDOW))
         return dense_speeds(params.network, forecast, crowds.law, densities=params.objective.needs_density)
@@ -274,7 +276,7 @@ def _live_cost_to_go(crowds: _Crowds, params: EnvParams, field: Field) -> LiveCo
 
 
 @partial(jax.jit, static_argnames=("slots", "forecasts"))
-def _with_counts(crowds: _Crowds, params: EnvParams, slots: int, *, forecasts: bool) -> EnvParams:
+def _with_counts(crowds: Crowds, params: EnvParams, slots: int, *, forecasts: bool) -> EnvParams:
     shown = replace(params, futures=params.futures.first(slots=slots))
     costs = _live_cost_to_go(crowds, shown, shown.futures.speeds.field(params.network))
     if not forecasts:  # the compiler then leaves out what they take

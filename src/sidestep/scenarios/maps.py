@@ -38,7 +38,7 @@ DAY_OF_TRAFFIC = (
     0.10, 0.06, 0.05, 0.05, 0.08, 0.20, 0.45, 0.80, 0.95, 0.75, 0.70, 0.75,
     0.80, 0.80, 0.80, 0.85, 0.95, 1.00, 0.85, 0.65, 0.50, 0.40, 0.30, 0.18,
 )  # fmt: skip
-Purpose = Literal["learn", "explore", "test"]
+Purpose = Literal["learn", "explore", "test", "expect"]
 PURPOSES: tuple[Purpose, ...] = get_args(Purpose)
 
 

@@ -1,6 +1,7 @@
 """How long a segment takes to cross while the crowd on it changes, and how much of that crowd is met."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 import jax
@@ -8,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.crowds.base import Index, Scalar
-from sidestep.walking.speed_field import Numbers, SpeedField, Speeds
+from sidestep.walking.expected_times import CrossingTimes, Speeds
+from sidestep.walking.speed_field import KnownSpeeds, Numbers, SensedSpeeds, SpeedField
 
 CrossingRule = Literal["integrated", "entry"]
 """``entry`` (the paper, eq. 4) keeps the speed at entry to the end; ``integrated`` walks through the slots that the
@@ -23,13 +25,15 @@ def slot_at(clock: Numbers, slot_seconds: float, slots: int) -> Int[Array, "*n"]
     return jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, slots - 1)
 
 
-def crossing_time(segment: SpeedField, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated") -> Scalar:
+def crossing_time(
+    segment: SpeedField | CrossingTimes, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated"
+) -> Scalar:
     """Time to cross a segment.
 
     Parameters
     ----------
     segment
-        Speeds on this segment alone.
+        Speeds on this segment alone, or its expected times, which hold for its length and rule.
     length
         Its length in m.
     clock
@@ -42,6 +46,8 @@ def crossing_time(segment: SpeedField, length: Scalar, clock: Scalar, rule: Cros
     seconds
         From entering to leaving.
     """
+    if segment.expected:
+        return segment.at(clock)
     speed, covered, slot_seconds = segment.speed, segment.covered, segment.slot_seconds
     now, last = slot_at(clock, slot_seconds, segment.slots), segment.slots - 1
     if rule == "entry":
@@ -131,6 +137,8 @@ def leaving_clock(
     clock
         In s since the scenario's start.
     """
+    if speeds.expected:
+        return speeds.leaving(future, segment, clock)
     last, slot_seconds = speeds.slots - 1, speeds.slot_seconds
     slot = slot_at(clock, slot_seconds, speeds.slots)
     if rule == "entry":
@@ -146,3 +154,77 @@ def leaving_clock(
 
     start = (slot, clock, length, jnp.bool_(False))
     return jax.lax.while_loop(lambda carry: ~carry[3], walk, start)[1]
+
+
+Crosser = Callable[[BySegment], BySegment]
+"""Seconds to cross all segments, each entered at its own clock in s."""
+
+
+def crosser(times: SpeedField | CrossingTimes, length: BySegment, rule: CrossingRule) -> Crosser:
+    """Prepare for crossing all segments at many clocks: :func:`crossing_times`, or the expected ones."""
+    if times.expected:
+        return times.at
+    speed, covered = times.speed.T, times.covered.T  # not at every clock anew
+    return lambda clock: crossing_times(speed, covered, times.slot_seconds, length, clock, rule)
+
+
+def mean_crossing_times(
+    speeds: KnownSpeeds, length: BySegment, rule: CrossingRule, every: int
+) -> Float[Array, "segment step"]:
+    """Mean times to cross segments in several futures.
+
+    Parameters
+    ----------
+    speeds
+        In the futures.
+    length, rule
+        As in :func:`crossing_times`.
+    every
+        Slots in a step.
+
+    Returns
+    -------
+    Float[Array, "segment step"]
+        Seconds, entered as each step begins. Crowds between counters change slowly: there, segments are taken at the
+        speeds as they are entered.
+    """
+    steps = jnp.arange(0, speeds.slots, every)
+    if speeds.interpolated:
+        return _mean_between_counters(speeds, length, steps)
+
+    def of_segment(segment: Index) -> Float[Array, " step"]:
+        each = jax.vmap(partial(_times_from, speeds.slot_seconds, length[segment], rule, steps))
+        return jnp.mean(each(speeds.speed[:, segment], speeds.covered[:, segment]), axis=0)
+
+    return jax.lax.map(of_segment, jnp.arange(len(length)))
+
+
+def _mean_between_counters(
+    speeds: SensedSpeeds, length: BySegment, steps: Int[Array, " step"]
+) -> Float[Array, "segment step"]:
+    weights, segment = speeds.crowds.weights, jnp.arange(len(length))
+
+    def entered(slot: Index) -> BySegment:
+        counted = speeds.crowds.counted[:, slot].T  # futures last: those of one counter lie together in memory
+        density: Array = jnp.zeros((len(length), speeds.count))
+        for near in range(weights.sensor.shape[1]):
+            density += weights.weight[:, near, None] * counted[weights.sensor[:, near]]
+        return length * jnp.mean(1 / speeds.on(segment[:, None], density), axis=1)
+
+    return jax.lax.map(entered, steps).T
+
+
+def _times_from(
+    slot_seconds: float,
+    length: Scalar,
+    rule: CrossingRule,
+    steps: Int[Array, " step"],
+    speed: Float[Array, " slot"],
+    covered: Float[Array, " slot"],
+) -> Float[Array, " step"]:
+    """:func:`crossing_time` of one segment, entered as many slots begin."""
+    if rule == "entry":
+        return length / speed[steps]
+    end = covered[steps] + length
+    then = jnp.clip(jnp.searchsorted(covered, end, side="right") - 1, steps, len(speed) - 1)
+    return (then - steps) * slot_seconds + (end - covered[then]) / speed[then]

@@ -25,6 +25,8 @@ class SpeedField(eqx.Module):
 
     interpolated: ClassVar[Literal[False]] = False
     """Whether speeds follow from the densities at a few counters."""
+    expected: ClassVar[Literal[False]] = False
+    """Whether these are expected times (:class:`sidestep.walking.expected_times.ExpectedTimes`)."""
 
     speed: Table
     """Walking speed in m/s."""
@@ -105,6 +107,7 @@ class SensedSpeeds(eqx.Module):
     """
 
     interpolated: ClassVar[Literal[True]] = True
+    expected: ClassVar[Literal[False]] = False
     keeps_density: ClassVar[bool] = True
 
     crowds: SensedField
@@ -128,14 +131,18 @@ class SensedSpeeds(eqx.Module):
 
     def of(self, future: Index) -> SpeedField:
         density = self.crowds.weights.everywhere(self.crowds.counted[future])
-        return speed_field(_paced(self.law.speed(density), self.pace).T, self.slot_seconds, density.T)
+        return speed_field(self.everywhere(density).T, self.slot_seconds, density.T)
+
+    def everywhere(self, density: Float[Array, "*lead segment"]) -> Float[Array, "*lead segment"]:
+        """Speeds in m/s on all segments at their densities in persons/m²."""
+        return _paced(self.law.speed(density), self.pace)
 
     def row(self, future: Index, segment: Index) -> SpeedField:
         density = self.crowds.densities(future, segment)
-        return speed_field(self._on(segment, density), self.slot_seconds, density)
+        return speed_field(self.on(segment, density), self.slot_seconds, density)
 
     def at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
-        return self._on(segment, self.density_at(future, segment, slot))
+        return self.on(segment, self.density_at(future, segment, slot))
 
     def density_at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         return self.crowds.density_at(future, segment, slot)
@@ -156,15 +163,16 @@ class SensedSpeeds(eqx.Module):
     def _of(self, counted: Float[Array, "future slot sensor"]) -> "SensedSpeeds":
         return replace(self, crowds=replace(self.crowds, counted=counted))
 
-    def _on(self, segment: Segments, density: Float[Array, "*m"]) -> Float[Array, "*m"]:
+    def on(self, segment: Int[Array, "*m"], density: Float[Array, "*n"]) -> Numbers:
+        """Speeds in m/s on segments at densities in persons/m²."""
         return _paced(self.law.speed(density), None if self.pace is None else self.pace[segment])
 
 
-Speeds = SpeedField | SensedSpeeds
+KnownSpeeds = SpeedField | SensedSpeeds
 """Type checkers tell the two apart by ``interpolated``; both have the methods of :class:`SpeedField`."""
 
 
-def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> Speeds:
+def walking_speeds(network: RoadNetwork, crowds: Field, law: SpeedLaw, *, densities: bool = False) -> KnownSpeeds:
     """Speeds on every segment in crowds with a leading axis of futures.
 
     Parameters

@@ -1,0 +1,152 @@
+"""Times to cross segments that may be expected beforehand: means over many futures.
+
+The time in the mean crowd is not the mean time: streets that jam in some of the futures take longer than it says.
+"""
+
+from typing import Any, ClassVar, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from sidestep.crowds.base import Field, Index
+from sidestep.network.graph import RoadNetwork
+from sidestep.walking.speed_field import KnownSpeeds, Numbers, Segments, Table
+
+
+class CrossingTimes(eqx.Module):
+    """Expected times to cross all segments, or a single one.
+
+    Times are known for entering as steps begin, linear in between, and constant from the last step on. Those who enter
+    later leave later (FIFO), as in each of the futures.
+    """
+
+    expected: ClassVar[Literal[True]] = True
+
+    seconds: Float[Array, "*segment step"]
+    """Time to cross, in s."""
+    step_seconds: float = eqx.field(static=True)
+    """Length of a step in s."""
+    slot_seconds: float = eqx.field(static=True)
+    """Length of a slot in s."""
+    slots: int = eqx.field(static=True)
+    """Number of slots."""
+    density: Table | None = None
+    """Persons/m² in the mean crowd; None where it was not kept."""
+
+    @property
+    def known_density(self) -> Table:
+        """Densities.
+
+        Returns
+        -------
+        density
+            Persons/m².
+
+        Raises
+        ------
+        ValueError
+            Times without them.
+        """
+        if self.density is None:
+            raise ValueError("these times were made without densities")
+        return self.density
+
+    def of(self, segment: Index) -> "CrossingTimes":
+        """Times to cross one of the segments."""
+        return jax.tree.map(lambda leaf: leaf[segment], self)
+
+    def at(self, clock: Numbers) -> Numbers:
+        """Seconds to cross each segment, entered at its own clock in s, or at the same."""
+        every = () if self.seconds.ndim == 1 else (jnp.arange(len(self.seconds)),)
+        return _linear(self.seconds, every, clock / self.step_seconds)
+
+
+class ExpectedTimes(eqx.Module):
+    """Expected times to cross every segment at each hour at which people set out.
+
+    The same methods as of :class:`sidestep.walking.speed_field.SpeedField`, with hours for futures: crowds are the mean
+    ones, and speeds those of the expected times.
+    """
+
+    expected: ClassVar[Literal[True]] = True
+
+    mean: KnownSpeeds
+    """In the mean crowds."""
+    seconds: Float[Array, "hour segment step"]
+    """Time to cross in s, as in :class:`CrossingTimes`."""
+    length: Float[Array, " segment"]
+    """Length of the segments in m."""
+    step_seconds: float = eqx.field(static=True)
+    """Length of a step in s."""
+
+    @property
+    def interpolated(self) -> bool:
+        return self.mean.interpolated
+
+    @property
+    def keeps_density(self) -> bool:
+        return self.mean.keeps_density
+
+    @property
+    def slot_seconds(self) -> float:
+        return self.mean.slot_seconds
+
+    @property
+    def slots(self) -> int:
+        return self.mean.slots
+
+    @property
+    def count(self) -> int:
+        """Number of hours."""
+        return self.seconds.shape[0]
+
+    def of(self, hour: Index) -> CrossingTimes:
+        """Times to cross all segments."""
+        return self._times(self.seconds[hour], self.mean.of(hour).density)
+
+    def row(self, hour: Index, segment: Index) -> CrossingTimes:
+        """Times to cross one segment."""
+        return self._times(self.seconds[hour, segment], self.mean.row(hour, segment).density)
+
+    def leaving(self, hour: Index, segment: Index, clock: Float[Array, ""]) -> Float[Array, ""]:
+        """Clock at which a segment is left that is entered at a clock, in s."""
+        return clock + _linear(self.seconds, (hour, segment), clock / self.step_seconds)
+
+    def at(self, hour: Index, segment: Segments, slot: Index) -> Numbers:
+        """Speeds in m/s of the expected times."""
+        return self.length[segment] / _linear(
+            self.seconds, (hour, segment), slot * (self.slot_seconds / self.step_seconds)
+        )
+
+    def density_at(self, hour: Index, segment: Segments, slot: Index) -> Numbers:
+        return self.mean.density_at(hour, segment, slot)
+
+    def first(self, hours: int | None = None, slots: int | None = None) -> "ExpectedTimes":
+        """The first of the hours, with densities in the first slots only; None: all of them."""
+        return ExpectedTimes(self.mean.first(hours, slots), self.seconds[:hours], self.length, self.step_seconds)
+
+    def replaced(self, times: Any, index: Int[Array, " new"]) -> "ExpectedTimes":
+        """The same with the hours of these numbers replaced by those of other ``times``."""
+        seconds = self.seconds.at[index].set(times.seconds)
+        return ExpectedTimes(self.mean.replaced(times.mean, index), seconds, self.length, self.step_seconds)
+
+    def field(self, network: RoadNetwork) -> Field:
+        return self.mean.field(network)
+
+    def _times(self, seconds: Float[Array, "*segment step"], density: Table | None) -> CrossingTimes:
+        return CrossingTimes(seconds, self.step_seconds, self.slot_seconds, self.slots, density)
+
+
+Speeds = KnownSpeeds | ExpectedTimes
+"""Speeds in futures, or expected times; type checkers tell them apart by ``expected``."""
+
+
+def _linear(table: Float[Array, "*lead step"], where: tuple[Array, ...], position: Numbers) -> Numbers:
+    """Numbers of a table at positions between its steps; before the first and after the last they stay as they are."""
+    last = table.shape[-1] - 1
+    position = jnp.clip(position, 0.0, last)
+    step = jnp.floor(position).astype(jnp.int32)
+    part = position - step
+    return (1 - part) * table[(*where, step)] + part * table[(*where, jnp.minimum(step + 1, last))]
