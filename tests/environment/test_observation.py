@@ -45,7 +45,8 @@ def only(nodes: int, *which: int) -> jax.Array:
 @jax.jit
 def with_map(params: EnvParams, destinations: jax.Array) -> EnvParams:
     """With the expected costs of getting to some destinations."""
-    costs = expected_cost_to_go(params, destinations, jnp.zeros(len(destinations)))
+    scaled = params.expected.scaled(DENSITY_SCALE) if params.expected.interpolated else None
+    costs = expected_cost_to_go(params, destinations, jnp.zeros(len(destinations)), scaled)
     return replace(params, level="map", cost_to_go=costs)
 
 

@@ -50,7 +50,7 @@ def params_of_test(scenario_map) -> EnvParams:
 
 def test_an_environment_has_what_was_asked_for(scenario_map, params_of_test) -> None:
     assert params_of_test.futures.speeds.speed.shape == (4, 24, 12)
-    assert params_of_test.expected.speed.shape == (1, 24, 12)
+    assert params_of_test.expected.seconds.shape == (1, 24, 12)
     assert params_of_test.futures.speeds.slot_seconds == params_of_test.expected.slot_seconds == 300
     assert float(params_of_test.horizon) == HOUR
     assert (params_of_test.network.length == scenario_map.network.length).all()
@@ -73,7 +73,8 @@ def test_the_same_purpose_gives_the_same_futures_and_another_others(scenario_map
 
 def test_what_is_expected_does_not_depend_on_the_purpose(scenario_map, params_of_test) -> None:
     learn = make_environment(small(), scenario_map, "learn", 4)
-    assert (learn.expected.speed == params_of_test.expected.speed).all()
+    assert (learn.expected.seconds == params_of_test.expected.seconds).all()
+    assert (learn.expected.mean.speed == params_of_test.expected.mean.speed).all()
 
 
 def test_futures_vary_about_what_is_expected(scenario_map) -> None:
@@ -106,7 +107,7 @@ def test_slot_0_is_the_crowd_of_the_map(scenario_map, params_of_test) -> None:
         assert (np.moveaxis(np.asarray(field.counted), -2, 0)[0] == volumes(scenario_map)).all()
     # x0 (p/d)^-0.8
     speed = 1.34 * (volumes(scenario_map) / np.asarray(scenario_map.network.length)) ** -0.8
-    np.testing.assert_allclose(params_of_test.expected.speed[0, :, 0], speed, rtol=1e-5)
+    np.testing.assert_allclose(params_of_test.expected.mean.speed[0, :, 0], speed, rtol=1e-5)
     for future in range(4):
         np.testing.assert_allclose(params_of_test.futures.speeds.speed[future, :, 0], speed, rtol=1e-5)
 
@@ -120,7 +121,9 @@ def test_one_slot_is_enough(scenario_map) -> None:
 def test_speeds_are_positive_and_finite_all_day(law: str) -> None:
     day = small(law=law, horizon=24 * HOUR)
     params = make_environment(day, draw_map(day, 1), "test", 16)
-    for field in (params.futures.speeds, params.expected):
+    assert params.expected.seconds.shape[-1] == 288
+    assert (np.asarray(params.expected.seconds) > 0).all()
+    for field in (params.futures.speeds, params.expected.mean):
         assert field.slots == 288
         assert np.isfinite(field.speed).all()
         assert (np.asarray(field.speed) > 0).all()

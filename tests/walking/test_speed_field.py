@@ -1,4 +1,4 @@
-"""Speeds from counters are those of a dense field."""
+"""KnownSpeeds from counters are those of a dense field."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from sidestep.crowds.base import FlowField, SensedField
 from sidestep.crowds.interpolation import InterpolationWeights, interpolation_weights
 from sidestep.network.graph import road_network
 from sidestep.walking.crossing_time import crossing_time
-from sidestep.walking.speed_field import SensedSpeeds, Speeds, dense_speeds, speed_field, walking_speeds
+from sidestep.walking.speed_field import KnownSpeeds, SensedSpeeds, dense_speeds, speed_field, walking_speeds
 from sidestep.walking.speed_laws import Weidmann
 
 SLOT = 300.0
@@ -39,7 +39,7 @@ def both_ways(density: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Arra
     dense = speed_field(LAW.speed(jnp.swapaxes(LINE_SPREAD.everywhere(density), -1, -2)), SLOT)
     segments, futures, slots = jnp.arange(5), jnp.arange(2), jnp.arange(4)
 
-    def ask(speeds: Speeds) -> tuple[jax.Array, ...]:
+    def ask(speeds: KnownSpeeds) -> tuple[jax.Array, ...]:
         rows = jax.vmap(lambda c: jax.vmap(lambda s: speeds.row(c, s))(segments))(futures)
         at = jax.vmap(lambda c: jax.vmap(lambda t: speeds.at(c, segments, t))(slots))(futures)
         of = jax.vmap(lambda c: speeds.of(c).speed)(futures)
