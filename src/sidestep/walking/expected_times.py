@@ -143,9 +143,7 @@ Speeds = KnownSpeeds | ExpectedTimes
 """Speeds in futures, or expected times; type checkers tell them apart by ``expected``."""
 
 
-def _linear(
-    table: Float[Array, "*lead step"], where: tuple[Array, ...], position: Float[Array, "*m"]
-) -> Numbers:
+def _linear(table: Float[Array, "*lead step"], where: tuple[Array, ...], position: Float[Array, "*m"]) -> Numbers:
     """Numbers of a table at positions between its steps; before the first and after the last they stay as they are."""
     last = table.shape[-1] - 1
     position = jnp.clip(position, 0.0, last)
