@@ -39,7 +39,7 @@ def check(lines: list[str], width: int, names: list[str]) -> str:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_comparisons_fit_and_name_every_planner(screen, compared, width: int) -> None:
     result = compared.to_json(60.0)
-    names = [*PLANNERS, "darp-of-a-long-folder (1 maps)"]
+    names = [*PLANNERS, "darp-of-a-long-folder (1 map)"]
     text = check(screen(width, lambda: show_results(result)), width, [*names, "minutes", "arrive"])
     left_out = text.partition("Left out: ")[2].partition(".")[0].replace("\n", " ")
     kept = {80: "clairvoyant", 100: "saved", 140: "95 %"}[width]

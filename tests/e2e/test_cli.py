@@ -212,6 +212,7 @@ def test_trade_off_draws_a_picture(sidestep, tmp_path):
     table = sidestep(*args)
     assert table.returncode == 0, table.stderr
     assert f"{points[0]['exposure']:,.0f}" in table.stdout
+    assert " 100.0 %" in table.stdout
     assert str(picture) in table.stdout
 
 
@@ -567,6 +568,8 @@ def test_counts_of_a_publisher_are_understood_and_written(sidestep, tmp_path):
         (("--date-format", "dd/mm"), "day-first"),
     ):
         assert says in one_sentence(sidestep(*named, *options, cwd=tmp_path))
+    for option in (("--timezone", "Europe/Helsinki"), ("--decimal", ","), ("--date-format", "day-first")):
+        assert f"{option[0]} is about a file" in one_sentence(sidestep("counts", *option, cwd=tmp_path))
     assert (tmp_path / "c.csv").read_text() == before
     assert sorted(file.name for file in tmp_path.iterdir()) == ["again.csv", "c.csv", "clean"]
 

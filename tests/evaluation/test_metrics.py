@@ -164,7 +164,7 @@ def test_a_row_as_people_read_it() -> None:
         "ci95": [60.04, 70.0], "gap": 0.01234, "gap_ci95": [0.0, 0.0256],
     }  # fmt: skip
     assert list(cells("mine", some, maps=2).items()) == [
-        ("planner", "mine (1 maps)"),
+        ("planner", "mine (1 map)"),
         ("knows", "position"),
         ("minutes", "66.0"),
         ("minutes 95 %", "60.0 to 70.0"),
@@ -182,7 +182,7 @@ def test_other_tables_have_other_columns() -> None:
     # on map 0 66 against 80 by what is expected; one of two walks within the hour; 55 + .9 * 22 = 74.8
     columns = ("planner", "median", "90 %", "in time", "difference", "difference 95 %")
     assert list(cells("mine", some, 2, columns).values()) == [
-        "mine (1 maps)", "66.0", "74.8", "50.0 %", "-14.00", "-13.46 to +0.50",
+        "mine (1 map)", "66.0", "74.8", "50.0 %", "-14.00", "-13.46 to +0.50",
     ]  # fmt: skip
     assert cells("mine", some | {"arrive_by": None}, 2, ["in time"]) == {"in time": ""}
 

@@ -1,4 +1,4 @@
-"""KnownSpeeds from counters are those of a dense field."""
+"""Speeds from counters are those of a dense field."""
 
 from dataclasses import replace
 

@@ -57,7 +57,7 @@ def counts(
     options.check_least(seed=seed)
     layout = reading.layout()
     if file is None:
-        layout.check_needed()
+        layout.check_needed(timezone=True)
     if out is not None:
         clean_counts(file, layout, out, as_json=as_json)
         return

@@ -154,6 +154,8 @@ def _weight(text: str) -> float:
 
 def show_trade_off(found: "TradeOff") -> None:
     """Print a trade-off between time and exposure as a table."""
+    from sidestep.evaluation.metrics import percent
+
     scenario = found.scenario
     head = f"{scenario.name}, map 0, seed {found.seed}: {found.walks} walks for each weight of exposure"
     rows = [(name, point) for name, points in found.curves.items() for point in points]
@@ -167,7 +169,7 @@ def show_trade_off(found: "TradeOff") -> None:
                 f"{point['minutes']:.2f}",
                 f"{point['exposure']:,.0f}",
                 f"{point['metres']:,.0f}",
-                f"{point['arrival_rate']:.1%}",
+                percent(point["arrival_rate"]),
             )
             for name, point in (("shortest-path", found.shortest_path), *rows)
         ],

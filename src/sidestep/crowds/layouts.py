@@ -43,15 +43,22 @@ class Layout:
         said = {key: getattr(self, key) for key in COLUMNS}
         return {key: (value,) if isinstance(value, str) else value for key, value in said.items() if value}
 
-    def check_needed(self) -> None:
+    def check_needed(self, *, timezone: bool = False) -> None:
         """Refuse what is said of the counts that come with the package, which are known.
+
+        Parameters
+        ----------
+        timezone
+            Whether the timezone is said of the counts alone, not of a place.
 
         Raises
         ------
         SidestepError
-            Anything but a timezone; ``field`` is ``columns``, ``date_format`` or ``decimal``.
+            Anything is said; ``field`` is ``columns``, ``date_format``, ``decimal`` or ``timezone``.
         """
-        said = {"columns": self.named, "date_format": self.date_format, "decimal": self.decimal}
+        said: dict[str, object] = {"columns": self.named, "date_format": self.date_format, "decimal": self.decimal}
+        if timezone:
+            said["timezone"] = self.timezone is not None
         for field, value in said.items():
             if value:
                 option = f"--{field.replace('_', '-')}"

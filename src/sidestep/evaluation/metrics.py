@@ -286,7 +286,8 @@ def cells(name: str, row: Row, maps: int, columns: Iterable[str] = PAPER_COLUMNS
     dict of str
         Texts by column.
     """
-    planner = name if row["maps"] == maps else f"{name} ({row['maps']} maps)"
+    fewer = "1 map" if row["maps"] == 1 else f"{row['maps']} maps"
+    planner = name if row["maps"] == maps else f"{name} ({fewer})"
     return {column: planner if column == "planner" else _COLUMNS[column][1](row) for column in columns}
 
 

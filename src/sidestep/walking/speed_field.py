@@ -131,11 +131,7 @@ class SensedSpeeds(eqx.Module):
 
     def of(self, future: Index) -> SpeedField:
         density = self.crowds.weights.everywhere(self.crowds.counted[future])
-        return speed_field(self.everywhere(density).T, self.slot_seconds, density.T)
-
-    def everywhere(self, density: Float[Array, "*lead segment"]) -> Float[Array, "*lead segment"]:
-        """Speeds in m/s on all segments at their densities in persons/m²."""
-        return _paced(self.law.speed(density), self.pace)
+        return speed_field(_paced(self.law.speed(density), self.pace).T, self.slot_seconds, density.T)
 
     def row(self, future: Index, segment: Index) -> SpeedField:
         density = self.crowds.densities(future, segment)
