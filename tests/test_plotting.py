@@ -29,6 +29,7 @@ def test_learning_curves_take_planners_without_a_colour_of_their_own() -> None:
     ("keep", "curve", "scale", "kept"),
     [
         ("last", ((60.0, 100.0), (50.0, 70.0), (62.0, 60.0)), "linear", (3, 61)),
+        ("mean", ((60.0, 100.0), (50.0, 70.0), (62.0, 60.0)), "linear", (3, 61)),
         ("best", ((60.0, 100.0), (50.0, 70.0), (62.0, 60.0)), "linear", (2, 60)),
         ("best", ((60.0, 60.0), (1440.0, 1440.0), (60.0, 60.0)), "log", (3, 60)),  # the later of equals
     ],

@@ -30,6 +30,7 @@ def model(sidestep, tmp_path_factory):
     done = sidestep("train", *GRID, "--out", folder)  # as comparisons train their own agents
     assert done.returncode == 0, done.stderr
     assert "\nthe paper's 5 x 5 blocks, all segments at four nodes crowded by 5,000 people\n" in done.stdout
+    assert "; the mean network of the last quarter of rounds is kept\n" in done.stdout
     assert f"\nLearning curve: {folder / 'learning-curve.png'}\n" in done.stdout
     return folder
 

@@ -55,6 +55,14 @@ class Settings:
 AS_PRESET = Settings()
 
 
+KEPT = {
+    "best": "the network of the best walks",
+    "last": "the last network",
+    "mean": "the mean network of the last quarter of rounds",
+}
+"""What a training results in, by ``keep`` of its settings."""
+
+
 def train(
     scenario: options.ScenarioOption,
     /,
@@ -140,6 +148,6 @@ def show_run(scenario: str, run: "TrainingRun") -> None:
     first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
     unit = "min" if problem.objective.is_time else "min of cost"
     walks = f"{first:.1f} {unit} after the first round, {last:.1f} after the last, {run.best_minutes:.1f} at best"
-    print_text(f"greedy test walks: {walks}")
+    print_text(f"greedy test walks: {walks}; {KEPT[config.keep]} is kept")
     if run.folder is not None:
         print(f"Model: {run.folder}")
