@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.crossing import Field, crossings, static_crossing_in, with_mean_waits
+from sidestep.environment.crossing import crossings, static_crossing_in, with_mean_waits
 from sidestep.environment.types import EnvParams, ExpectedCostToGo, Instance, KnowledgeError, LiveCostToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
-from sidestep.walking.expected_times import Speeds
+from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import SpeedField
 from sidestep.walking.waits import Wait
@@ -167,7 +167,7 @@ def gate_steps(params: EnvParams, slot_seconds: float, step: float = GATE_STEP) 
 
 
 def field_cost_to_go(
-    params: EnvParams, speeds: Field, wait: Wait, destination: Destination, *, every: int = 1
+    params: EnvParams, speeds: SpeedsOrTimes, wait: Wait, destination: Destination, *, every: int = 1
 ) -> Float[Array, "step node"]:
     """Cost from every node through one future, or as expected; the last slot lasts for ever.
 
@@ -203,7 +203,7 @@ def expected_cost_to_go(
     Parameters
     ----------
     params
-        The environment, with its expected crowds.
+        The environment, with what is expected.
     destinations
         Nodes of each destination; no node may belong to two.
     hours

@@ -9,9 +9,8 @@ from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import EnvParams
 from sidestep.walking.crossing_time import crosser, crossing_time, exposure, slot_at
-from sidestep.walking.expected_times import CrossingTimes, Speeds
+from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
-from sidestep.walking.speed_field import SpeedField
 from sidestep.walking.waits import Segments, Wait
 
 LOST = 1e9
@@ -24,7 +23,7 @@ def with_mean_waits(params: EnvParams) -> EnvParams:
 
 
 def as_expected(params: EnvParams) -> EnvParams:
-    """The same where crowds come as expected, and lights take their mean wait."""
+    """The same where streets take their expected times, and lights their mean wait."""
     futures = params.futures.first(params.expected.count)
     return with_mean_waits(replace(params, futures=replace(futures, speeds=params.expected, cost_to_go=None)))
 
@@ -56,13 +55,9 @@ def cross(
     return cross_at_speeds(params, speeds, wait, segment, clock, latest)
 
 
-Field = SpeedField | CrossingTimes
-"""Speeds in one future, or expected times."""
-
-
 def cross_at_speeds(
     params: EnvParams,
-    speeds: Field,
+    speeds: SpeedsOrTimes,
     wait: Wait,
     segment: Int[Array, ""],
     clock: Float[Array, ""],
@@ -79,7 +74,7 @@ def cross_at_speeds(
 
 
 def crossings(
-    params: EnvParams, speeds: Field, wait: Wait, *, begins: Float[Array, ""] | float = 0.0, every: int = 1
+    params: EnvParams, speeds: SpeedsOrTimes, wait: Wait, *, begins: Float[Array, ""] | float = 0.0, every: int = 1
 ) -> Crossing:
     """Walk all segments, entered as slots begin.
 
@@ -153,7 +148,9 @@ def _lost(params: EnvParams, crossed: Crossing, waited: Numbers | float) -> Cros
     return replace(crossed, cost=crossed.cost + LOST * (waited > params.horizon))
 
 
-def _crossing(objective: Objective, speeds: Field, clock: Numbers, seconds: Numbers, length: Numbers) -> Crossing:
+def _crossing(
+    objective: Objective, speeds: SpeedsOrTimes, clock: Numbers, seconds: Numbers, length: Numbers
+) -> Crossing:
     """What it costs to come to segments at clocks and to leave them so many seconds later."""
 
     # Walkers who wait stand in the crowd of the street that they are about to walk.

@@ -15,12 +15,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.cost_to_go import at_clock, field_cost_to_go
-from sidestep.environment.crossing import Field, cross_at_speeds, with_mean_waits
+from sidestep.environment.crossing import cross_at_speeds, with_mean_waits
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Plan, Planned
 from sidestep.walking.crossing_time import CrossingRule, leaving_clock
-from sidestep.walking.expected_times import Speeds
+from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.waits import Wait
 
 LEAST_GROUPS = 8
@@ -153,7 +153,7 @@ def steps_in_slot(params: EnvParams, slot_seconds: float) -> int:
     return math.ceil(slot_seconds / (FINE_STEP if jumps else STEP))
 
 
-def least_cost_path(params: EnvParams, field: Field, instance: Instance) -> Int[Array, " step"]:
+def least_cost_path(params: EnvParams, field: SpeedsOrTimes, instance: Instance) -> Int[Array, " step"]:
     """Find the walk of least cost by the environment's objective.
 
     Earlier is not always better for costs, as it is for arrivals: it may pay to arrive later, and even to walk to and
@@ -165,7 +165,7 @@ def least_cost_path(params: EnvParams, field: Field, instance: Instance) -> Int[
     params
         The environment.
     field
-        The crowd to walk through.
+        The future to walk through, or expected times.
     instance
         One walk.
 
@@ -207,7 +207,11 @@ def _plan(
 
 
 class Expected(Planned):
-    """Keep to the path that is fastest through the expected crowds: the best plan that can be made beforehand."""
+    """Keep to the path of least expected time: the best plan that can be made beforehand.
+
+    Each street takes the mean of the times in many futures, those of no other purpose, not the time in the mean crowd.
+    With an objective it is the path of least cost by these times, and the crowd that is met is the mean one.
+    """
 
     name: ClassVar[str] = "expected"
     level: ClassVar[Level] = "map"

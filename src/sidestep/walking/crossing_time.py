@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.crowds.base import Index, Scalar
-from sidestep.walking.expected_times import CrossingTimes, Speeds
-from sidestep.walking.speed_field import KnownSpeeds, Numbers, SensedSpeeds, SpeedField
+from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
+from sidestep.walking.speed_field import KnownSpeeds, Numbers, SensedSpeeds
 
 CrossingRule = Literal["integrated", "entry"]
 """``entry`` (the paper, eq. 4) keeps the speed at entry to the end; ``integrated`` walks through the slots that the
@@ -25,9 +25,7 @@ def slot_at(clock: Numbers, slot_seconds: float, slots: int) -> Int[Array, "*n"]
     return jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, slots - 1)
 
 
-def crossing_time(
-    segment: SpeedField | CrossingTimes, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated"
-) -> Scalar:
+def crossing_time(segment: SpeedsOrTimes, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated") -> Scalar:
     """Time to cross a segment.
 
     Parameters
@@ -160,7 +158,7 @@ Crosser = Callable[[BySegment], BySegment]
 """Seconds to cross all segments, each entered at its own clock in s."""
 
 
-def crosser(times: SpeedField | CrossingTimes, length: BySegment, rule: CrossingRule) -> Crosser:
+def crosser(times: SpeedsOrTimes, length: BySegment, rule: CrossingRule) -> Crosser:
     """Prepare for crossing all segments at many clocks: :func:`crossing_times`, or the expected ones."""
     if times.expected:
         return times.at

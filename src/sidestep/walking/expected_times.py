@@ -12,14 +12,14 @@ from jaxtyping import Array, Float, Int
 
 from sidestep.crowds.base import Field, Index
 from sidestep.network.graph import RoadNetwork
-from sidestep.walking.speed_field import KnownSpeeds, Numbers, Segments, Table
+from sidestep.walking.speed_field import KnownSpeeds, Numbers, Segments, SpeedField, Table
 
 
 class CrossingTimes(eqx.Module):
     """Expected times to cross all segments, or a single one.
 
-    Times are known for entering as steps begin, linear in between, and constant from the last step on. Those who enter
-    later leave later (FIFO), as in each of the futures.
+    Times are known for entering as steps begin, linear in between, and constant from the last step on. So nobody who
+    enters later leaves earlier (FIFO) where that is true of each of the futures.
     """
 
     expected: ClassVar[Literal[True]] = True
@@ -141,6 +141,9 @@ class ExpectedTimes(eqx.Module):
 
 Speeds = KnownSpeeds | ExpectedTimes
 """Speeds in futures, or expected times; type checkers tell them apart by ``expected``."""
+
+SpeedsOrTimes = SpeedField | CrossingTimes
+"""The same of one future, or at one hour."""
 
 
 def _linear(table: Float[Array, "*lead step"], where: tuple[Array, ...], position: Float[Array, "*m"]) -> Numbers:
