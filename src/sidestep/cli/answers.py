@@ -58,8 +58,8 @@ class Planned(Given):
     """The same, and who plans."""
 
     planner: str | None = None
-    """Who plans, by name (see sidestep planners) or as MODULE:NAME; by default expected, the fastest route if crowds
-    are as usual, or darp with --model. snapshot and forecast see all counts on the way."""
+    """Who plans, by name (see sidestep planners) or as MODULE:NAME; by default expected, the route of least expected
+    time, or darp with --model. snapshot and forecast see all counts on the way."""
 
     futures: Futures = None
 

@@ -83,13 +83,13 @@ def _local(params: EnvParams, state: EnvState) -> tuple[Local, Exits]:
 
 
 def _expected(params: EnvParams, state: EnvState, local: Local) -> tuple[Expected, Exits]:
-    """Level ``map``: also the map and its expected crowds.
+    """Level ``map``: also the map and what is expected on it.
 
     Returns
     -------
     expected, estimate
-        The estimate takes each street at the speed that is seen on it, then the least cost through the expected crowds;
-        where crowds are interpolated, it is the least cost through the expected crowds from here on.
+        The estimate takes each street at the speed that is seen on it, then the least expected cost; where crowds are
+        interpolated, it is the least expected cost from here on.
     """
     known, future, speeds = known_cost_to_go(params), state.instance.future, params.futures.speeds
     destination, which = known.destination[state.instance.destination], params.expected_for(future)

@@ -47,7 +47,7 @@ class RewardWeights(eqx.Module):
 
 
 class ExpectedCostToGo(eqx.Module):
-    """Costs of getting to some destinations through the expected crowds: level ``map`` knows them."""
+    """Expected costs of getting to some destinations: level ``map`` knows them."""
 
     table: Float[Array, "destination step node"]
     """Cost from each node to the destination, as each step begins."""
@@ -167,7 +167,7 @@ class EnvParams(eqx.Module):
         return replace(self, waits=self.waits.begun_on(np.asarray(self.network.tail) == node))
 
     def expected_for(self, future: Int[Array, "*n"]) -> Int[Array, "*n"]:
-        """Number of the expected crowds that belong to one of the futures."""
+        """Which of the hours in ``expected`` belongs to one of the futures."""
         return self.futures.destination[future] if self.expected.count > 1 else jnp.zeros_like(future)
 
 
@@ -224,7 +224,7 @@ class Expected(eqx.Module):
     """What level ``map`` knows beside level ``local``."""
 
     cost: Float[Array, " exit"]
-    """Cost of crossing each segment in the crowd that is expected now."""
+    """Expected cost of crossing each segment, entered now."""
     to_go: Float[Array, " exit"]
     """Expected cost from each next node to the destination, from when it is reached."""
     log_density_ratio: Float[Array, " exit"] | None = None

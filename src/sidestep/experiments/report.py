@@ -127,7 +127,7 @@ def _found(results: Mapping[str, Results], literal_steps: int) -> list[Claim]:
         Claim(
             "The agent can dynamically adjust its strategy to changing flows.",
             f"With noise in the flows the position-level agent takes {percent(noisy['darp']['gap'])} longer than the "
-            f"clairvoyant; a fixed plan made on expected flows takes {percent(noisy['expected']['gap'])} longer.",
+            f"clairvoyant; the best fixed plan (expected) takes {percent(noisy['expected']['gap'])} longer.",
             "holds" if noisy["darp"]["gap"] < noisy["expected"]["gap"] - 0.003 else "fails",
             "Its state is the position alone: it sees neither clock nor crowd, and repeats one route. At best it is as "
             "good as the best fixed plan.",

@@ -43,7 +43,7 @@ class GreedyLocal(_Reactive):
 
 
 class GreedyMap(_Reactive):
-    """Take the fastest exit by the crowds in sight and the fastest path through the expected crowds beyond."""
+    """Take the fastest exit by the crowds in sight and the path of least expected time beyond."""
 
     name: ClassVar[str] = "greedy-map"
     level: ClassVar[Level] = "map"

@@ -80,7 +80,7 @@ def alternatives(
     planner
         Decides what costs are: metres for ``shortest-path``, and else those of the objective.
     params, instance
-        The environment with the expected crowds as its only future, and one walk.
+        The environment with the expected times as its only future, and one walk.
     best
         The planner's own route there.
     most
@@ -216,7 +216,7 @@ def _both_ways(
     Parameters
     ----------
     params
-        The environment, whose expected crowds are its only future.
+        The environment, whose expected times are its only future.
     origin, destination, departure
         One walk.
 

@@ -108,7 +108,7 @@ class DepartureTimes(WalkTimes):
     """Minutes after the first departure of the window."""
 
     expected_minutes: float
-    """Travel time if crowds are as expected."""
+    """Expected travel time, as :attr:`sidestep.routing.plan.RoutePlan.expected_minutes`."""
 
     arrives: bool
     """Whether that walk arrives."""

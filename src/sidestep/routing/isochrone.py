@@ -1,4 +1,4 @@
-"""How far one gets in some minutes, through the expected crowds or through simulated futures."""
+"""How far one gets in some minutes, by expected times or through simulated futures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -97,7 +97,7 @@ class RoutePlan(RequestFacts, WalkTimes):
     """Length of the route."""
 
     expected_minutes: float
-    """Travel time if crowds are as expected."""
+    """Expected travel time: each street takes the mean of its times in many futures, entered when it is reached."""
 
     arrives: bool
     """Whether that walk arrives."""
@@ -121,7 +121,7 @@ class RoutePlan(RequestFacts, WalkTimes):
     """The walks of other planners, by name."""
 
     cost_minutes: float
-    """Cost by the objective if crowds are as expected; travel time where time is all that counts."""
+    """Cost by the objective in expected times and mean crowds; travel time where time is all that counts."""
 
     shared: float | None = None
     """Of an alternative: largest share of its length, or of that of a better route, that both have in common."""

@@ -225,7 +225,7 @@ class Router:
         minutes
             Minutes of walking.
         planner
-            ``expected``, which takes the best paths through the expected crowds, or ``shortest-path``.
+            ``expected``, which takes the best paths by expected times, or ``shortest-path``.
         futures
             Number of futures to simulate; by default none, and then crowds are as expected.
 

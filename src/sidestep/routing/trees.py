@@ -76,12 +76,12 @@ def least_costs(
 def _paths_from(
     params: EnvParams, origin: Int[Array, ""], departure: Float[Array, ""], *, by_length: bool
 ) -> tuple[Nodes, Nodes, Labels]:
-    """Find the paths from a node to all others through the expected crowds.
+    """Find the paths from a node to all others by expected times.
 
     Parameters
     ----------
     params
-        The environment, with the expected crowds as its only future.
+        The environment, with the expected times as its only future.
     origin, departure
         Where the walks begin, and at which clock.
     by_length
@@ -194,7 +194,7 @@ class Paths:
         self._by_length = isinstance(planner, ShortestPath)
         self._clock, self._horizon = located.clock, located.scenario.horizon
         self.shares: tuple[float | None, ...] = (None,) if futures is None else tuple(NAMES)
-        """Shares of the futures that are asked about; None stands for the expected crowds."""
+        """Shares of the futures that are asked about; None stands for expected times."""
 
     def reach(self, node: int, ends: Sequence[int] | None = None) -> "Reach":
         """Walk from a node to all others.

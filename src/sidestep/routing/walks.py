@@ -1,4 +1,4 @@
-"""The walks of a request: through the expected crowds, and through simulated futures."""
+"""The walks of a request: by expected times, and through simulated futures."""
 
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -32,7 +32,7 @@ _LEGS_AT_ONCE = 64  # a route's legs are filled up to a multiple, so that routes
 
 
 def planned(walker: "Walker", request: RouteRequest, within: float | None = None) -> RoutePlan:
-    """Plan a route, walk it through the expected crowds and simulated futures, and walk baselines beside it.
+    """Plan a route, walk it by expected times and through simulated futures, and walk baselines beside it.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Walks:
 
 
 class Walker:
-    """Walks one request through expected crowds and through futures.
+    """Walks one request by expected times and through futures.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class Walker:
         return other
 
     def expected_route(self, planner: Planner) -> Route:
-        """All of the walk through the expected crowds, however long it is."""
+        """All of the walk by expected times, however long it is."""
 
         def whole(params: EnvParams) -> Route:
             trace = params.network.nodes
@@ -180,7 +180,7 @@ class Walker:
     def described(
         self, route: Route, walks: Walks, by: float | None, baselines: Mapping[str, BaselineTimes]
     ) -> RoutePlan:
-        """Say everything of a route through the expected crowds, and of its walks through futures."""
+        """Say everything of a route by expected times, and of its walks through futures."""
         located, (origin, destination) = self.located, self.located.named_ends
         slot = min(int(located.clock // self.params.expected.slot_seconds), self.params.expected.slots - 1)
         legs, steps, streets = located.on_map(self._legs(route), self.density[:, slot])
@@ -255,7 +255,7 @@ class Walker:
         return Instance(origin, destination, departure, jnp.arange(count, dtype=jnp.int32))
 
     def _legs(self, route: Route) -> list[Leg]:
-        """The segments of a route through the expected crowds."""
+        """The segments of a route by expected times."""
         params = replace(self.alone, objective=self.alone.objective.measured())  # crossings then tell the crowds met
         length, expected, density = np.asarray(params.network.length), params.expected, self.density
         hour, number = float(params.futures.hour[0]), len(route.segments)
