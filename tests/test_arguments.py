@@ -126,6 +126,7 @@ WRONG: dict[Callable[..., Any], dict[str, tuple[Any, ...]]] = {
         "hours": ("0", 3, [], [math.nan], [1, 2], ["x"]),
         "part": NO_SEEDS,
         "densities": ("x", None, 1),
+        "samples": [each for each in NO_SEEDS if each is not None],
     },
     instances: {
         "scenario": NO_OBJECTS,

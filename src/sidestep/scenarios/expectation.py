@@ -16,12 +16,13 @@ from sidestep.walking.speed_field import walking_speeds
 from sidestep.walking.speed_laws import SpeedLaw
 
 HOUR = 3600.0
-FEW_SAMPLES, MOST_SAMPLES = 256, 1024
-"""Least and most futures that expected times are means over, for each hour."""
+FEWEST_SAMPLES, FEW_SAMPLES, MOST_SAMPLES = 16, 256, 1024
+"""Futures that expected times are means over, for each hour: the fewest on large maps, the fewest and the most on
+others."""
 TIMES = 2**23
-"""Times to cross a segment in all of them, up to which there are more than the least."""
+"""Times to cross a segment in all of the futures, up to which there are more than a few of these."""
 MOST_TIMES = 2**26
-"""Times above which there are fewer than the least: on large maps."""
+"""The same, above which there are fewer: on large maps."""
 AT_ONCE = 2**23
 """Times worked out side by side."""
 
@@ -82,7 +83,9 @@ class Expectation(eqx.Module):
             return mean
         steps = math.ceil((mean.slots - 1) / every) + 1
         times = steps * self.network.segments
-        samples = self.samples or min(max(TIMES // times, FEW_SAMPLES), MOST_SAMPLES, max(MOST_TIMES // times, 16))
+        samples = self.samples or min(
+            max(TIMES // times, FEW_SAMPLES), MOST_SAMPLES, max(MOST_TIMES // times, FEWEST_SAMPLES)
+        )
         chunk = min(max(AT_ONCE // times, 1), samples)
         keys = jax.random.split(self.key, math.ceil(samples / chunk))
 

@@ -69,7 +69,7 @@ def make_environment(
     scenario, scenario_map
         The problem, and one of its maps.
     purpose
-        Decides the random stream that futures are drawn from.
+        Decides the random stream that futures are drawn from; "expect" is that of expected times.
     futures
         How many to draw. Where crowds come as expected there is one for each hour, whatever was asked.
     level

@@ -1,0 +1,57 @@
+"""Expected times are means over futures that serve no other purpose."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sidestep.scenarios import expectation
+from sidestep.scenarios.builtin import scenario
+from sidestep.scenarios.expectation import Crowds, Expectation
+from sidestep.scenarios.futures import make_environment
+from sidestep.scenarios.maps import PURPOSES, draw_map, purpose_key
+from sidestep.walking.crossing_time import crossing_time
+from sidestep.walking.expected_times import ExpectedTimes
+from sidestep.walking.speed_field import SpeedField, walking_speeds
+
+PROBLEM = scenario("paper-congested", side=3, crowded_nodes=2, horizon=3600.0)
+HERE = draw_map(PROBLEM, 0)
+ANY_HOUR = jnp.zeros(1)
+SLOTS, SEGMENTS = 12, 24
+
+
+def expected(samples: int | None) -> ExpectedTimes | SpeedField:
+    crowds, key = Crowds.of(PROBLEM, HERE.flow), purpose_key(HERE, "expect")
+    return Expectation(crowds, HERE.network, key, ANY_HOUR, PROBLEM.rule, samples, densities=False).speeds()
+
+
+@pytest.mark.parametrize("at_once", [5, 2])
+def test_times_are_means_over_the_futures(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
+    monkeypatch.setattr(expectation, "AT_ONCE", at_once * SLOTS * SEGMENTS)
+    found = expected(5)
+    keys = jax.random.split(purpose_key(HERE, "expect"), 1 if at_once == 5 else 3)
+    enter = jax.vmap(jax.vmap(crossing_time, (0, 0, None)), (0, None, None))
+    every = []
+    for key in keys:
+        drawn = HERE.flow.draw(key, jnp.zeros(at_once), SLOTS)
+        speeds = walking_speeds(HERE.network, drawn, PROBLEM.speed_law)
+        every += [enter(speeds, HERE.network.length, jnp.float32(slot * 300)) for slot in range(SLOTS)]
+    by_hand = np.reshape(every, (len(keys), SLOTS, at_once, SEGMENTS)).mean(axis=(0, 2))
+    np.testing.assert_allclose(found.seconds[0], by_hand.T, rtol=1e-4)
+
+
+def test_without_samples_times_are_those_in_the_mean_crowd() -> None:
+    mean = walking_speeds(HERE.network, HERE.flow.expected(ANY_HOUR, SLOTS), PROBLEM.speed_law)
+    for found in (expected(0), make_environment(PROBLEM, HERE, "test", 2, samples=0).expected):
+        assert isinstance(found, SpeedField)
+        np.testing.assert_allclose(found.speed, mean.speed, rtol=1e-5)
+
+
+def test_where_crowds_come_as_forecast_nothing_is_drawn() -> None:
+    forecast = PROBLEM.changed(flows="forecast")
+    assert isinstance(make_environment(forecast, draw_map(forecast, 0), "test", 1).expected, SpeedField)
+
+
+def test_these_futures_serve_no_other_purpose() -> None:
+    streams = {tuple(np.asarray(jax.random.key_data(purpose_key(HERE, purpose)))) for purpose in PURPOSES}
+    assert len(streams) == len(PURPOSES)
