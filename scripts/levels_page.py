@@ -82,6 +82,10 @@ Streets for those only whose walk begins or ends there ([streets](streets.md)) a
 and in every search, a restricted area may be left, and entered only by walks that end in it. Walkers wait before streets
 that are shut ([gates](traffic.md#gates)).
 
+What is *expected* is the mean of the times to cross a street over futures that serve no other purpose, not the time in the mean
+crowd: streets that jam in some futures take longer than that ([`scenarios/expectation.py`](../src/sidestep/scenarios/expectation.py)).
+The plan of `expected` and the costs of the levels `map` and `live` are made of these times.
+
 The time to the destination is worked out backwards in time, for all crossings and hours in one pass
 ([`environment/cost_to_go.py`](../src/sidestep/environment/cost_to_go.py)). It is linear within slots of five minutes;
 [the benchmark](../benchmarks/README.md) says how far that is from exact search, and how long the live feed takes.
