@@ -10,6 +10,7 @@ from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.expectation import Crowds, Expectation
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import PURPOSES, draw_map, purpose_key
+from sidestep.scenarios.places import RushHours
 from sidestep.walking.crossing_time import crossing_time
 from sidestep.walking.expected_times import ExpectedTimes
 from sidestep.walking.speed_field import SpeedField, walking_speeds
@@ -55,3 +56,10 @@ def test_where_crowds_come_as_forecast_nothing_is_drawn() -> None:
 def test_these_futures_serve_no_other_purpose() -> None:
     streams = {tuple(np.asarray(jax.random.key_data(purpose_key(HERE, purpose)))) for purpose in PURPOSES}
     assert len(streams) == len(PURPOSES)
+
+
+def test_where_crowds_have_no_noise_they_are_walked_as_they_come() -> None:
+    still = scenario("rush-16", side=3, crowded_nodes=2, rush=RushHours(sigma=0.0))
+    params = make_environment(still, draw_map(still, 0), "test", 1)
+    assert isinstance(params.expected, SpeedField)
+    np.testing.assert_allclose(params.expected.speed, params.futures.speeds.speed, rtol=1e-6)

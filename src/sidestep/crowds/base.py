@@ -84,6 +84,11 @@ class FlowModel(eqx.Module):
         """Whether crowds depend on the hour of the week."""
         return False
 
+    @property
+    def certain(self) -> bool:
+        """Whether all futures are alike."""
+        return False
+
     def covers(self, hour: float) -> bool:  # noqa: ARG002 - for models that are timed
         """Whether crowds are known at an hour of the week."""
         return True

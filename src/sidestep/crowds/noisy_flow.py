@@ -28,6 +28,10 @@ class NoisyFlow(FlowModel):
     floor: ClassVar[float] = 0.0
     """Persons that are always there."""
 
+    @property
+    def certain(self) -> bool:
+        return self.sigma == 0
+
     @abstractmethod
     def median(self, hour: Scalar, slot: Slots) -> Float[Array, "slots segment"]:
         """Median volumes in some slots after clock 0, at which it is this ``hour`` of the week."""

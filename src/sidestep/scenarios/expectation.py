@@ -69,7 +69,7 @@ class Expectation(eqx.Module):
         Returns
         -------
         Speeds
-            Expected times; speeds in the mean crowds where crowds come as expected, or no times are asked for.
+            Expected times; speeds in the mean crowds where crowds always come as these, or no times are asked for.
         """
         crowds = self.crowds
         mean = walking_speeds(
@@ -79,7 +79,7 @@ class Expectation(eqx.Module):
         every = max(1, round(HOUR / mean.slot_seconds)) if mean.interpolated else 1
         if mean.interpolated:
             mean = mean.scaled(scale)
-        if crowds.as_expected or self.samples == 0:
+        if crowds.as_expected or crowds.flow.certain or self.samples == 0:
             return mean
         steps = math.ceil((mean.slots - 1) / every) + 1
         times = steps * self.network.segments
