@@ -7,7 +7,7 @@ import pytest
 
 from sidestep.scenarios import expectation
 from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.expectation import Crowds, Expectation
+from sidestep.scenarios.expectation import Crowds, Expectation, expected_pace
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import PURPOSES, draw_map, purpose_key
 from sidestep.scenarios.places import RushHours
@@ -63,3 +63,13 @@ def test_where_crowds_have_no_noise_they_are_walked_as_they_come() -> None:
     params = make_environment(still, draw_map(still, 0), "test", 1)
     assert isinstance(params.expected, SpeedField)
     np.testing.assert_allclose(params.expected.speed, params.futures.speeds.speed, rtol=1e-6)
+
+
+def test_paces_that_are_known_are_not_worked_out_again() -> None:
+    pace = expected_pace(PROBLEM, HERE, 0.0)
+    found = make_environment(PROBLEM, HERE, "test", 2, pace=pace).expected
+    np.testing.assert_allclose(found.seconds, make_environment(PROBLEM, HERE, "test", 2).expected.seconds, rtol=1e-5)
+    twice = make_environment(PROBLEM, HERE, "test", 2, pace=2 * pace).expected
+    np.testing.assert_allclose(twice.seconds, 2 * found.seconds, rtol=1e-5)
+    forecast = PROBLEM.changed(flows="forecast")
+    assert expected_pace(forecast, draw_map(forecast, 0), 0.0) is None

@@ -17,6 +17,7 @@ from sidestep.planners.shortest_path import distances_to
 from sidestep.routing.clocks import GridClock, TownClock, check_known, covered_before, town_clock
 from sidestep.routing.facts import SceneFacts
 from sidestep.routing.located import Located, LocatedInTown, NodeEnd
+from sidestep.routing.paces import Paces
 from sidestep.routing.places import AskedPlace
 from sidestep.routing.request import NO_COORDINATES, Area, Counts, Departure, Place, RouteError, at_fault, called
 from sidestep.scenarios.maps import ScenarioMap, with_live_counts
@@ -86,7 +87,7 @@ class Locator(Protocol):
 def locator(scenario: Scenario, scenario_map: ScenarioMap) -> Locator:
     """Prepare to locate requests on one map of a scenario."""
     if isinstance(scenario.place, Grid):
-        return GridLocator(scenario, scenario_map)
+        return GridLocator(scenario, scenario_map, Paces(scenario_map))
     return TownLocator(scenario, scenario_map, scenario.place)
 
 
@@ -144,6 +145,7 @@ class GridLocator:
 
     scenario: Scenario
     scenario_map: ScenarioMap
+    paces: Paces
 
     def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> Located:
         scenario, ends = self.scenario, tuple(map(self._end, asked))
@@ -169,6 +171,7 @@ class GridLocator:
             scenario=scenario,
             scenario_map=self.scenario_map,
             start=start,
+            paces=self.paces,
             clock=clock,
             latest=clock + given.window if given.until is None else start.clock(given.until, "until"),
         )
@@ -191,6 +194,7 @@ class TownLocator:
         self._streets = walked_streets(venue.streets, scenario.walker)
         self._snapper, self._crossings = Snapper(self._streets.town), set(self._streets.crossings.tolist())
         self._sensors = len(set(scenario_map.sensors)) or None
+        self._paces = Paces(scenario_map)
 
     def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> LocatedInTown:
         departs = town_clock(self._venue, self._map.flow, given.depart, given.field)
@@ -225,6 +229,7 @@ class TownLocator:
             scenario=self._scenario.changed(departures=(0.0, window)),
             scenario_map=here,
             start=start,
+            paces=self._paces if given.live is None else None,
             clock=before,
             latest=latest,
             streets=streets,

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from sidestep.network.contours import Raster, Samples, ring_area
 from sidestep.network.polygons import in_degrees
@@ -18,6 +18,7 @@ from sidestep.planners.shortest_path import ShortestPath
 from sidestep.routing.clocks import Clock
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.facts import End, SceneFacts, StreetMap
+from sidestep.routing.paces import Paces
 from sidestep.routing.request import RouteError
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Scenario
@@ -75,6 +76,9 @@ class Located:
     start: Clock
     """What clock 0 is."""
 
+    paces: Paces | None = None
+    """Those that are expected on the whole map; None where crowds go on from live counts."""
+
     baselines: tuple[Planner, ...] = ()
     """Planners that the plan is compared with."""
 
@@ -94,6 +98,11 @@ class Located:
     def hours(self) -> list[float]:
         """Hour of the week at clock 0, for the one destination."""
         return [self.start.hour]
+
+    @property
+    def pace(self) -> Float[Array, "segment step"] | None:
+        """Mean seconds for each metre from clock 0 on; None where they are not known, or crowds are certain."""
+        return None if self.paces is None else self.paces.at(self.scenario, self.start.hour)
 
     @property
     def futures(self) -> int:
@@ -212,6 +221,12 @@ class LocatedInTown(Located):
         ends = super().pieces()
         ends[:, 2] = self.streets.street  # parallel streets have the same ends
         return ends
+
+    @property
+    def pace(self) -> Float[Array, "segment step"] | None:
+        """The same; pieces of streets are as slow as the whole ones."""
+        whole = super().pace
+        return None if whole is None else whole[np.asarray(self.streets.parent)]
 
     @property
     def nodes(self) -> int:

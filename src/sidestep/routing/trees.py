@@ -189,6 +189,7 @@ class Paths:
             futures or 1,
             destinations=np.array([[0]]),
             hours=located.hours,
+            pace=located.pace,
         )
         self._alone = as_expected(self._params)
         self._by_length = isinstance(planner, ShortestPath)

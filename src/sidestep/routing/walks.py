@@ -140,6 +140,7 @@ class Walker:
             level="map" if observed & {"map", "live"} else "position",
             destinations=np.array([[located.ends[1].node]]),
             hours=located.hours,
+            pace=located.pace,
             densities=True,
         ).begun_at(located.ends[0].node)
         self.alone = as_expected(self.params)

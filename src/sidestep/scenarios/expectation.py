@@ -9,10 +9,11 @@ from jaxtyping import Array, Float, Key
 
 from sidestep.crowds.base import FlowModel
 from sidestep.network.graph import RoadNetwork
+from sidestep.scenarios.maps import ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
 from sidestep.walking.crossing_time import CrossingRule, mean_crossing_times
 from sidestep.walking.expected_times import ExpectedTimes, Speeds
-from sidestep.walking.speed_field import walking_speeds
+from sidestep.walking.speed_field import KnownSpeeds, walking_speeds
 from sidestep.walking.speed_laws import SpeedLaw
 
 HOUR = 3600.0
@@ -58,13 +59,20 @@ class Expectation(eqx.Module):
     densities: bool = eqx.field(static=True)
     """Whether densities are kept beside speeds."""
 
-    def speeds(self, scale: float = 1.0) -> Speeds:
+    @property
+    def is_certain(self) -> bool:
+        """Whether times are those in the mean crowds."""
+        return self.crowds.as_expected or self.crowds.flow.certain or self.samples == 0
+
+    def speeds(self, scale: float = 1.0, pace: Float[Array, "segment step"] | None = None) -> Speeds:
         """Work out mean crowds, and mean times to cross.
 
         Parameters
         ----------
         scale
             Factor of all densities; 1 where crowds are not interpolated.
+        pace
+            Mean seconds for each metre at the only hour, as :meth:`pace` gives them, if they are known already.
 
         Returns
         -------
@@ -72,16 +80,21 @@ class Expectation(eqx.Module):
             Expected times; speeds in the mean crowds where crowds always come as these, or no times are asked for.
         """
         crowds = self.crowds
-        mean = walking_speeds(
-            self.network, crowds.flow.expected(self.hours, crowds.slots), crowds.law, densities=self.densities
-        )
-        # Crowds between counters are linear from hour to hour.
-        every = max(1, round(HOUR / mean.slot_seconds)) if mean.interpolated else 1
-        if mean.interpolated:
-            mean = mean.scaled(scale)
-        if crowds.as_expected or crowds.flow.certain or self.samples == 0:
+        field = crowds.flow.expected(self.hours, crowds.slots)
+        mean = walking_speeds(self.network, field, crowds.law, densities=self.densities)
+        mean = mean.scaled(scale) if mean.interpolated else mean
+        if self.is_certain:
             return mean
-        steps = math.ceil((mean.slots - 1) / every) + 1
+        paces = self.pace(self.hours[: mean.count], scale) if pace is None else pace[None]
+        length = self.network.length
+        return ExpectedTimes(mean, paces * length[:, None], length, self._every(mean) * mean.slot_seconds)
+
+    def pace(self, hours: Float[Array, " hour"], scale: float = 1.0) -> Float[Array, "hour segment step"]:
+        """Work out mean seconds to cross each metre of the segments, entered as steps begin."""
+        crowds, length = self.crowds, self.network.length
+        shapes = jax.eval_shape(lambda: self._drawn(1, self.key, hours[0], crowds.slots, scale))
+        every = self._every(shapes)
+        steps = math.ceil((crowds.slots - 1) / every) + 1
         times = steps * self.network.segments
         samples = self.samples or min(
             max(TIMES // times, FEW_SAMPLES), MOST_SAMPLES, max(MOST_TIMES // times, FEWEST_SAMPLES)
@@ -91,13 +104,49 @@ class Expectation(eqx.Module):
 
         def one(hour: Float[Array, ""]) -> Float[Array, "segment step"]:
             def add(total: Array, key: Key[Array, ""]) -> tuple[Array, None]:
-                drawn = crowds.flow.draw(key, jnp.full(chunk, hour), every * (steps - 1) + 1)
-                speeds = walking_speeds(self.network, drawn, crowds.law)
-                speeds = speeds.scaled(scale) if speeds.interpolated else speeds
-                return total + mean_crossing_times(speeds, self.network.length, self.rule, every), None
+                speeds = self._drawn(chunk, key, hour, every * (steps - 1) + 1, scale)
+                return total + mean_crossing_times(speeds, length, self.rule, every), None
 
             total, _ = jax.lax.scan(add, jnp.zeros((self.network.segments, steps)), keys)
-            return total / len(keys)
+            return total / (len(keys) * length[:, None])
 
-        seconds = jax.lax.map(one, self.hours[: mean.count])
-        return ExpectedTimes(mean, seconds, self.network.length, every * mean.slot_seconds)
+        return jax.lax.map(one, hours)
+
+    def _drawn(
+        self, futures: int, key: Key[Array, ""], hour: Float[Array, ""], slots: int, scale: float
+    ) -> KnownSpeeds:
+        crowds = self.crowds
+        drawn = crowds.flow.draw(key, jnp.full(futures, hour), slots)
+        speeds = walking_speeds(self.network, drawn, crowds.law)
+        return speeds.scaled(scale) if speeds.interpolated else speeds
+
+    @staticmethod
+    def _every(speeds: KnownSpeeds) -> int:
+        """Slots in a step: crowds between counters are linear from hour to hour."""
+        return max(1, round(HOUR / speeds.slot_seconds)) if speeds.interpolated else 1
+
+
+def expected_pace(scenario: Scenario, scenario_map: ScenarioMap, hour: float) -> Float[Array, "segment step"] | None:
+    """Mean seconds to cross each metre of a map's segments, for several environments of the same hour.
+
+    Parameters
+    ----------
+    scenario, scenario_map
+        The problem, and its map.
+    hour
+        Hour of the week at clock 0.
+
+    Returns
+    -------
+    Float[Array, "segment step"] or None
+        As :func:`sidestep.scenarios.futures.make_environment` takes them; None where crowds come as they are expected.
+    """
+    key, crowds = purpose_key(scenario_map, "expect"), Crowds.of(scenario, scenario_map.flow)
+    hours = jnp.full(1, hour, jnp.float32)
+    expectation = Expectation(crowds, scenario_map.network, key, hours, scenario.rule, None, densities=False)
+    return None if expectation.is_certain else _pace(expectation)
+
+
+@jax.jit
+def _pace(expectation: Expectation) -> Float[Array, "segment step"]:
+    return expectation.pace(expectation.hours)[0]

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
-from sidestep.arguments import COUNT, FLAG, NUMBER, checked, each, one_of, whole
+from sidestep.arguments import COUNT, FLAG, NUMBER, checked, each, instance, one_of, whole
 from sidestep.crowds.base import Field, FlowModel
 from sidestep.environment.cost_to_go import WINDOW, expected_cost_to_go, live_cost_to_go
 from sidestep.environment.types import (
@@ -46,6 +46,7 @@ from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speed
     part=whole(0, MOST_NUMBERED),
     densities=FLAG,
     samples=whole(0, MOST_NUMBERED),
+    pace=instance(jax.Array, "an array, such as expected_pace gives"),
 )
 def make_environment(
     scenario: Scenario,
@@ -59,6 +60,7 @@ def make_environment(
     part: int = 0,
     densities: bool = False,
     samples: int | None = None,
+    pace: Float[Array, "segment step"] | None = None,
 ) -> EnvParams:
     """The environment on one map with possible futures for one purpose.
 
@@ -86,6 +88,9 @@ def make_environment(
         Futures that expected times to cross are means over, for each hour; by default as many as the size of the map
         allows. They are drawn from the crowds to learn from, and are those of no other purpose. With 0, times are those
         in the mean crowds: for walkers who know nothing of either.
+    pace
+        Mean seconds for each metre at the only hour (:func:`sidestep.scenarios.expectation.expected_pace`); by default
+        they are worked out.
 
     Returns
     -------
@@ -124,6 +129,7 @@ def make_environment(
         jnp.asarray(nodes, jnp.int32),
         futures=futures,
         samples=samples,
+        pace=pace,
         densities=densities or objective.needs_density,
         level=level,
         rule=scenario.rule,
@@ -232,6 +238,7 @@ def _environment(
     *,
     futures: int,
     samples: int | None,
+    pace: Float[Array, "segment step"] | None,
     densities: bool,
     level: Information,
     network: RoadNetwork,
@@ -239,7 +246,7 @@ def _environment(
     **rest: Any,
 ) -> EnvParams:
     expectation = Expectation(learned, network, key_of_expected, hours, rule, samples, densities)
-    expected = expectation.speeds()
+    expected = expectation.speeds(pace=pace)
     params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, rule=rule, **rest)
     if level in ("map", "live"):
         nothing = jnp.zeros((len(destinations), network.nodes), bool)
