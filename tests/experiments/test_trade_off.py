@@ -58,6 +58,7 @@ def test_planners_that_learn_or_are_unknown_are_refused(planner: str) -> None:
     with pytest.raises(PlannerError) as caught:
         trade_off(TINY, planners=[planner])
     assert caught.value.field == "planner"
+    assert "--model" not in str(caught.value)  # a trade-off takes no model
 
 
 @pytest.mark.parametrize("weights", [[1.0, 1.0], [-1.0], [1e9]])

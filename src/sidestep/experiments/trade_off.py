@@ -9,7 +9,15 @@ import numpy as np
 from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
-from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, choose_planners, find_planner
+from sidestep.planners.registry import (
+    BASELINE,
+    BOUND,
+    REFERENCE,
+    PlannerError,
+    choose_planners,
+    find_planner,
+    planner_infos,
+)
 from sidestep.plotting import TradeOffPoint
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.streets import attribution_of, sources_of, walker_facts
@@ -124,7 +132,12 @@ def trade_off(
     """
     if len(set(weights)) < len(weights):
         raise SidestepError(f"weights of exposure must all be different, not {weights}", field="weights")
-    names = list(dict.fromkeys(find_planner(name).name for name in planners))
+    given = tuple(planners)
+    infos = planner_infos()
+    for name in given:
+        if name in infos and infos[name].learns:
+            raise PlannerError(f"{name} learns; a trade-off takes planners that need no training", field="planner")
+    names = list(dict.fromkeys(find_planner(name).name for name in given))
     every = choose_planners(scenario, names).factories
     chosen = {name: every[name] for name in every if name in (*names, REFERENCE)}
     base = scenario.objective.changed(measured=True)
