@@ -169,7 +169,8 @@ def draw_training(trained: Metadata) -> Figure:
     axes.plot(rounds, mean, color=colour, linewidth=2.2, label=f"mean of {minutes.shape[1]} greedy test walks")
     kept = int(np.flatnonzero(mean == mean.min())[-1]) if config.keep == "best" else len(mean) - 1
     style: dict[str, Any] = {"color": INK, "markersize": 7, "zorder": 4, "clip_on": False}
-    axes.plot(rounds[kept], mean[kept], "o", label=f"kept: {mean[kept]:.1f} after round {rounds[kept]}", **style)
+    which = "last" if config.keep == "mean" else "kept"  # the mean network is none of those that were tested
+    axes.plot(rounds[kept], mean[kept], "o", label=f"{which}: {mean[kept]:.1f} after round {rounds[kept]}", **style)
     if minutes.max() > _WIDE_RATIO * minutes.min() > 0:  # early walks often do not arrive
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))

@@ -175,11 +175,9 @@ def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool) -> None
             word = "resume" if resume else "overwrite"
             raise CheckpointError(f"to {word} a training, give the folder of its model: --out", field="out")
     elif not (resume or overwrite) and any((folder / name).exists() for name in (MODEL, CHECKPOINT)):
-        raise CheckpointError(
-            f"{folder} has a model already: go on with it (--resume), replace it (--overwrite), or choose another "
-            "folder with --out",
-            field="out",
-        )
+        onward = "go on with it (--resume), " if (folder / CHECKPOINT).exists() else ""
+        said = f"{folder} has a model already: {onward}replace it (--overwrite) or choose another folder with --out"
+        raise CheckpointError(said, field="out")
 
 
 def _resumed(folder: Path, wanted: Metadata) -> tuple[Metadata, TrainState]:
@@ -189,8 +187,10 @@ def _resumed(folder: Path, wanted: Metadata) -> tuple[Metadata, TrainState]:
     for name in ("scenario", "seed", "map", *dict(wanted.config)):
         if old[name] != new[name]:
             words = f"another {name}" if name == "scenario" else f"{name} {old[name]}, not {new[name]}"
-            raise CheckpointError(f"the training in {folder} has {words}; it cannot go on", field=name)
+            said = f"the training in {folder} has {words}; it cannot go on: ask for the same, or --overwrite it"
+            raise CheckpointError(said, field=name)
     rounds = wanted.config.rounds
     if len(found.metadata.curve) >= rounds:
-        raise CheckpointError(f"the model in {folder} has been trained to the end, {rounds} rounds", field="rounds")
+        said = f"the model in {folder} has been trained to the end, {rounds} rounds; use it, or --overwrite it"
+        raise CheckpointError(said, field="rounds")
     return found.metadata, found.state

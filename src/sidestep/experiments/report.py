@@ -64,7 +64,7 @@ def claims(results: Mapping[str, Results], literal_steps: int) -> list[Claim]:
     fewest = min(row["maps"] for compared in results.values() for row in compared["planners"].values())
     if fewest >= JUDGED_FROM:
         return found
-    few = f"Too few maps ({fewest} at the fewest): claims are about means over maps, judged from {JUDGED_FROM} on."
+    few = f"Too few maps (as few as {fewest}): claims are about means over maps, judged from {JUDGED_FROM} on."
     return [replace(claim, verdict="not judged", why=few) for claim in found]
 
 

@@ -127,8 +127,10 @@ def trade_off(
 
     Raises
     ------
+    PlannerError
+        Planners that are unknown or learn.
     SidestepError
-        Planners that are unknown or learn, and weights that are negative, too large or given twice.
+        Weights that are negative, too large or given twice.
     """
     if len(set(weights)) < len(weights):
         raise SidestepError(f"weights of exposure must all be different, not {weights}", field="weights")
