@@ -36,6 +36,7 @@ install_import_hook(
 from sidestep.environment.types import EnvParams, Instance, futures_in_turn  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
 from sidestep.network.town import Town  # noqa: E402
+from sidestep.scenarios import expectation  # noqa: E402
 from sidestep.walking.crossing_time import CrossingRule  # noqa: E402
 from sidestep.walking.opening import AnyWaits, with_opening_times  # noqa: E402
 from sidestep.walking.speed_field import SpeedField, speed_field  # noqa: E402
@@ -46,6 +47,9 @@ settings.register_profile("sidestep", derandomize=True, deadline=None)
 # Others in every run, for `make stress`: --hypothesis-profile stress --hypothesis-seed N
 settings.register_profile("stress", deadline=None, print_blob=True)
 settings.load_profile("sidestep")
+
+# Behind what is expected stand fewer futures than users have; tests of how good plans are ask for more.
+expectation.FEW_SAMPLES, expectation.MOST_SAMPLES = 16, 32
 
 # Garbage is looked for less often: JAX makes objects by the million, and few of them are garbage in cycles.
 gc.set_threshold(50_000, 20, 20)

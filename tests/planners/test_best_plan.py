@@ -58,7 +58,7 @@ def seconds_of(params: EnvParams, paths: jax.Array) -> jax.Array:
 def test_no_simple_path_beats_expected(name: str, index: int) -> None:
     problem = scenario(name, side=4, crowded_nodes=2, departures=(0.0, 0.0))
     scenario_map = draw_map(problem, 0, index)
-    params = make_environment(problem, scenario_map, "test", FUTURES)
+    params = make_environment(problem, scenario_map, "test", FUTURES, samples=1_024)
     paths = simple_paths(params.network, 0, params.network.nodes - 1)
     assert len(paths) == 184
     longest = max(map(len, paths))
