@@ -28,30 +28,20 @@ class CrossingTimes(eqx.Module):
     """Time to cross, in s."""
     step_seconds: float = eqx.field(static=True)
     """Length of a step in s."""
-    slot_seconds: float = eqx.field(static=True)
-    """Length of a slot in s."""
-    slots: int = eqx.field(static=True)
-    """Number of slots."""
-    density: Table | None = None
-    """Persons/m² in the mean crowd; None where it was not kept."""
+    mean: SpeedField
+    """In the mean crowd, whose densities count."""
+
+    @property
+    def slot_seconds(self) -> float:
+        return self.mean.slot_seconds
+
+    @property
+    def slots(self) -> int:
+        return self.mean.slots
 
     @property
     def known_density(self) -> Table:
-        """Densities.
-
-        Returns
-        -------
-        density
-            Persons/m².
-
-        Raises
-        ------
-        ValueError
-            Times without them.
-        """
-        if self.density is None:
-            raise ValueError("these times were made without densities")
-        return self.density
+        return self.mean.known_density
 
     def of(self, segment: Index) -> "CrossingTimes":
         """Times to cross one of the segments."""
@@ -104,11 +94,11 @@ class ExpectedTimes(eqx.Module):
 
     def of(self, hour: Index) -> CrossingTimes:
         """Times to cross all segments."""
-        return self._times(self.seconds[hour], self.mean.of(hour).density)
+        return CrossingTimes(self.seconds[hour], self.step_seconds, self.mean.of(hour))
 
     def row(self, hour: Index, segment: Index) -> CrossingTimes:
         """Times to cross one segment."""
-        return self._times(self.seconds[hour, segment], self.mean.row(hour, segment).density)
+        return CrossingTimes(self.seconds[hour, segment], self.step_seconds, self.mean.row(hour, segment))
 
     def leaving(self, hour: Index, segment: Index, clock: Float[Array, ""]) -> Float[Array, ""]:
         """Clock at which a segment is left that is entered at a clock, in s."""
@@ -134,9 +124,6 @@ class ExpectedTimes(eqx.Module):
 
     def field(self, network: RoadNetwork) -> Field:
         return self.mean.field(network)
-
-    def _times(self, seconds: Float[Array, "*segment step"], density: Table | None) -> CrossingTimes:
-        return CrossingTimes(seconds, self.step_seconds, self.slot_seconds, self.slots, density)
 
 
 Speeds = KnownSpeeds | ExpectedTimes
