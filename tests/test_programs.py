@@ -176,11 +176,16 @@ def test_the_folder_does_not_grow_for_ever(folder, monkeypatch):
 
 def test_training_from_python_compiles_two_programs_and_the_next_process_none(tmp_path):
     said = """
-import sidestep
+import jax, sidestep
 from sidestep.programs import counts
+compiled = []
+def listen(name, *_, **__):
+    if "backend_compile" in name:
+        compiled.append(name)
+jax.monitoring.register_event_duration_secs_listener(listen)
 small = sidestep.preset("default").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64, futures=4)
 run = sidestep.train(sidestep.scenario("paper-congested", side=3, crowded_nodes=1), small)
-print(dict(counts), run.model.q_network.value.weight.tolist())
+print(len(compiled), dict(counts), run.model.q_network.value.weight.tolist())
 """
     home = {"SIDESTEP_CACHE": str(tmp_path / "programs")}
     first, second = (
@@ -189,6 +194,6 @@ print(dict(counts), run.model.q_network.value.weight.tolist())
     )
     done, learned = first.stdout.split("}")
     read, again = second.stdout.split("}")
-    assert done == "{('compiled', 'prepare'): 1, ('compiled', 'train_round'): 1"
-    assert read == "{('loaded', 'prepare'): 1, ('loaded', 'train_round'): 1"
+    assert done == "2 {('compiled', 'prepare'): 1, ('compiled', 'train_round'): 1"
+    assert read == "0 {('loaded', 'prepare'): 1, ('loaded', 'train_round'): 1"
     assert learned == again

@@ -41,6 +41,7 @@ MOST_BYTES = 2**29
 """Of all files in the folder together; those unused for longest go first."""
 _IN_MEMORY = 128  # programs for each function
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
+_HARMLESS = re.compile("cache|log|traceback|explain")  # in names of flags
 _UNSURE = re.compile(
     r"(?<!key)<|\.\.\."
 )  # in texts of what has no literal, such as functions; or that leave out something
@@ -277,7 +278,7 @@ def _surroundings() -> str:
     for file in sorted(here.rglob("*.py")):
         source.update(f"{file.relative_to(here)} {file.stat().st_size} ".encode() + file.read_bytes())
     device = jax.devices()[0]
-    flags = {name: value for name, value in jax.config.values.items() if "cache" not in name}
+    flags = {name: value for name, value in jax.config.values.items() if not _HARMLESS.search(name)}
     told = (
         sys.version,
         [version(library) for library in _LIBRARIES],
