@@ -94,6 +94,10 @@ class Program(Generic[P, Made]):
         """Load or compile what a call needs; arguments may be shapes and types."""
         self._variant(*self._sorted(*args, **kwargs)).executable()
 
+    def clear(self) -> None:
+        """Forget what is in memory."""
+        self._variants.clear()
+
     def _sorted(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Any], Any, list[Any]]:
         """Static arguments by name, and the tree and leaves of the others."""
         bound = self._signature.bind(*args, **kwargs)

@@ -52,6 +52,13 @@ class Metadata(BaseModel):
     fingerprint: str
     """Of the streets and crowds that were learned."""
 
+    @property
+    def finished(self) -> bool:
+        """Whether the training is over: all rounds are done, or the test walks have settled."""
+        patience, latest = self.config.patience, self.curve[-1 - self.config.patience :]
+        settled = 0 < patience < len(latest) and len(set(latest)) == 1
+        return len(self.curve) >= self.config.rounds or (settled and max(latest[-1]) < self.scenario.horizon / 60)
+
 
 @dataclass(frozen=True)
 class Model:
