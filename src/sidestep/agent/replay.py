@@ -1,7 +1,7 @@
 """Prioritised experience replay (Schaul et al. 2016) on a sum tree.
 
-The tree is wide instead of binary: every inner number is the sum of ``FANOUT`` below it, so that 10⁴ leaves need three
-levels instead of fourteen, and each level is one small gather and one small product.
+The tree is wide instead of binary, and only its leaves are kept: their sums are worked out anew for every batch. That
+is a pass over numbers that lie together in memory, and takes less time than to change sums on the way to each leaf.
 
 Items are kept as rows of 32-bit words in one array, whatever they consist of: a step then adds with one small copy and
 draws with one gather, and the compiler updates the array in place. (Arrays of their own for a dozen numbers it copies
@@ -17,63 +17,66 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 FANOUT = 32
-"""Numbers that each inner number is the sum of."""
+"""Numbers that each inner number is the sum of; the root has up to twice as many children."""
 Item = TypeVar("Item")  # a PyTree
 
 
 class SumTree(eqx.Module):
-    """Non-negative numbers that can be changed, and drawn in proportion, in logarithmic time."""
+    """Non-negative numbers that can be drawn in proportion."""
 
-    levels: tuple[Float[Array, "_ fanout"], ...]
-    """From the root's children down to the leaves."""
+    leaves: Float[Array, "block fanout"]
+    """In blocks of ``FANOUT``."""
+
+    def set(self, leaf: Int[Array, " n"], value: Float[Array, " n"]) -> "SumTree":
+        """Give leaves new values; where one is named twice, one of its values is kept."""
+        return SumTree(self.leaves.at[leaf // FANOUT, leaf % FANOUT].set(value))
 
     @property
     def total(self) -> Float[Array, ""]:
         """Sum of all leaves."""
-        return jnp.sum(self.levels[0])
-
-    def get(self, leaf: Int[Array, " n"]) -> Float[Array, " n"]:
-        """Values of leaves."""
-        return self.levels[-1].reshape(-1)[leaf]
-
-    def set(self, leaf: Int[Array, " n"], value: Float[Array, " n"]) -> "SumTree":
-        """Give leaves new values; where one is named twice, one of its values is kept."""
-        levels = list(self.levels)
-        index = leaf
-        for depth in reversed(range(len(levels))):
-            block, child = index // FANOUT, index % FANOUT
-            levels[depth] = levels[depth].at[block, child].set(value)
-            index, value = block, jnp.sum(levels[depth][block], axis=1)
-        return SumTree(tuple(levels))
+        return self._sums()[1][-1]
 
     def find(self, mass: Float[Array, " n"]) -> tuple[Int[Array, " n"], Float[Array, " n"]]:
-        """Leaves at cumulative masses in [0, total): leaf i holds [sum of those before, plus its own).
+        """Find leaves at cumulative masses in [0, total): leaf i holds [sum of those before, plus its own).
 
         Returns
         -------
         leaf, value
             The leaf under each mass, and what it holds.
         """
-        leaf = jnp.zeros_like(mass, dtype=jnp.int32)
-        ones = jnp.triu(jnp.ones((FANOUT, FANOUT)))
-        for level in self.levels:
-            values = level[leaf]
-            up_to = values @ ones
-            # Rounding may put the mass a hair above what is there; a leaf of value zero must not be drawn.
-            mass = jnp.minimum(mass, up_to[:, -1] * (1 - 1e-6))
-            before = up_to <= mass[:, None]
-            child = jnp.sum(before, axis=1, dtype=jnp.int32)
-            mass = mass - jnp.max(up_to, axis=1, where=before, initial=0.0)
-            leaf = leaf * FANOUT + child
-        return leaf, jnp.take_along_axis(values, child[:, None], 1)[:, 0]
+        levels, up_to = self._sums()
+        cumulative = jnp.triu(jnp.ones((FANOUT, FANOUT)))
+        block, mass = _child(jnp.broadcast_to(up_to, (*mass.shape, len(up_to))), mass)
+        for level in levels[:-1]:
+            few = len(level) < len(mass)
+            child, mass = _child((level @ cumulative)[block] if few else level[block] @ cumulative, mass)
+            block = block * FANOUT + child
+        # The compiler must see that all are read before some are set: then it copies none.
+        values = self.leaves[block]
+        child, _ = _child(values @ cumulative, mass)
+        return block * FANOUT + child, jnp.take_along_axis(values, child[:, None], 1)[:, 0]
+
+    def _sums(self) -> tuple[list[Float[Array, "_ fanout"]], Float[Array, " child"]]:
+        """Levels of the tree from below the root's children down to the leaves, and the cumulative sums of those."""
+        levels = [self.leaves]
+        while len(sums := levels[0] @ jnp.ones(FANOUT)) > 2 * FANOUT:
+            levels.insert(0, jnp.pad(sums, (0, -len(sums) % FANOUT)).reshape(-1, FANOUT))
+        # Sums with zeros, not jnp.cumsum: all add up in the same order, and none exceeds the one before by rounding.
+        return levels, jnp.sum(jnp.where(jnp.tri(len(sums), dtype=bool), sums, 0.0), axis=1)
+
+
+def _child(up_to: Float[Array, "n child"], mass: Float[Array, " n"]) -> tuple[Int[Array, " n"], Float[Array, " n"]]:
+    """The child that holds a mass, by the cumulative sums of all, and how far into it the mass lies."""
+    # Rounding may put the mass a hair above what is there; a leaf of value zero must not be drawn.
+    mass = jnp.minimum(mass, up_to[:, -1] * (1 - 1e-6))
+    before = up_to <= mass[:, None]
+    child = jnp.sum(before, axis=1, dtype=jnp.int32)
+    return child, mass - jnp.max(up_to, axis=1, where=before, initial=0.0)
 
 
 def sum_tree(leaves: int) -> SumTree:
-    """A tree of zeros."""
-    blocks = [-(-leaves // FANOUT)]
-    while blocks[0] > 1:
-        blocks.insert(0, -(-blocks[0] // FANOUT))
-    return SumTree(tuple(jnp.zeros((count, FANOUT)) for count in blocks))
+    """A tree of zeros, of at least so many leaves."""
+    return SumTree(jnp.zeros((-(-leaves // FANOUT), FANOUT)))
 
 
 @dataclass(frozen=True)
