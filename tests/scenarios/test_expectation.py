@@ -31,7 +31,7 @@ def test_times_are_means_over_the_futures(monkeypatch: pytest.MonkeyPatch, at_on
     monkeypatch.setattr(expectation, "AT_ONCE", at_once * SLOTS * SEGMENTS)
     found = expected(5)
     keys = jax.random.split(purpose_key(HERE, "expect"), 1 if at_once == 5 else 3)
-    enter = jax.vmap(jax.vmap(crossing_time, (0, 0, None)), (0, None, None))
+    enter = jax.vmap(jax.vmap(lambda one, *rest: crossing_time(one.row(), *rest), (0, 0, None)), (0, None, None))
     every = []
     for key in keys:
         drawn = HERE.flow.draw(key, jnp.zeros(at_once), SLOTS)

@@ -18,7 +18,7 @@ from sidestep.walking.speed_field import dense_speeds, speed_field, walking_spee
 from sidestep.walking.speed_laws import LAWS, Aoki, SpeedLaw, Weidmann
 
 CROSSING_RULES = get_args(CrossingRule)
-SLOTS = 6
+SLOTS = 20  # more than are looked at together
 EPS = float(np.finfo(np.float32).eps)
 
 
@@ -87,7 +87,7 @@ def test_the_denser_the_slower(law: SpeedLaw, densities: np.ndarray) -> None:
 def test_crossing_time_eq_4(persons: float, metres: float, seconds: float, rule: CrossingRule) -> None:
     network = road_network(np.zeros((2, 2)), tail=[0], head=[1], length=[metres])
     field = dense_speeds(network, FlowField(jnp.full((3, 1), persons, float)), Aoki(capped=False))
-    assert float(crossing_time(field.of(jnp.int32(0)), network.length[0], jnp.float32(0), rule)) == pytest.approx(
+    assert float(crossing_time(field.row(jnp.int32(0)), network.length[0], jnp.float32(0), rule)) == pytest.approx(
         seconds, rel=1e-5
     )
 
@@ -120,7 +120,7 @@ HAND = speed_field(jnp.array([[1.0, 2.0, 0.5], [4.0, 4.0, 4.0]]), 10.0)
 
 
 def cross(clock: float, metres: float, rule: CrossingRule = "integrated", segment: int = 0) -> float:
-    return float(crossing_time(HAND.of(jnp.int32(segment)), jnp.float32(metres), jnp.float32(clock), rule))
+    return float(crossing_time(HAND.row(jnp.int32(segment)), jnp.float32(metres), jnp.float32(clock), rule))
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_each_segment_has_its_own_speeds() -> None:
 
 
 def test_integrated_is_the_default() -> None:
-    assert float(crossing_time(HAND.of(jnp.int32(0)), jnp.float32(30), jnp.float32(5))) == pytest.approx(25)
+    assert float(crossing_time(HAND.row(jnp.int32(0)), jnp.float32(30), jnp.float32(5))) == pytest.approx(25)
 
 
 def test_under_the_entry_rule_one_may_leave_earlier_by_entering_later() -> None:
@@ -173,7 +173,7 @@ def test_under_the_entry_rule_one_may_leave_earlier_by_entering_later() -> None:
     clearing = speed_field(jnp.array([[0.1, 10.0]]), 10.0)
 
     def leave(clock: float, rule: CrossingRule) -> float:
-        return clock + float(crossing_time(clearing.of(jnp.int32(0)), jnp.float32(10), jnp.float32(clock), rule))
+        return clock + float(crossing_time(clearing.row(jnp.int32(0)), jnp.float32(10), jnp.float32(clock), rule))
 
     assert leave(9, "entry") == pytest.approx(109)
     assert leave(10, "entry") == pytest.approx(11)
@@ -210,7 +210,7 @@ def step_through(speed: np.ndarray, slot_seconds: float, metres: float, clock: f
 def seconds_to_cross(
     speed: jax.Array, slot_seconds: float, metres: jax.Array, clock: jax.Array, rule: CrossingRule = "integrated"
 ) -> jax.Array:
-    return crossing_time(speed_field(speed, slot_seconds), metres, clock, rule)
+    return crossing_time(speed_field(speed, slot_seconds).row(), metres, clock, rule)
 
 
 def in_double(
@@ -290,7 +290,7 @@ def test_the_clock_on_leaving_is_that_on_entering_and_the_time_to_cross(
 @partial(jax.jit, static_argnames="rule")
 def both_ways(speed: jax.Array, metres: jax.Array, clock: jax.Array, rule: CrossingRule):
     field = speed_field(speed, 300.0)
-    each = jax.vmap(partial(crossing_time, rule=rule))(field, metres, clock)
+    each = jax.vmap(lambda segment, *rest: crossing_time(field.row(segment), *rest, rule))(jnp.arange(5), metres, clock)
     return each, crossing_times(field.speed.T, field.covered.T, 300.0, metres, clock, rule)
 
 

@@ -49,7 +49,7 @@ def test_means_over_futures_in_which_later_entry_is_later_exit(seed: int) -> Non
     speeds = speed_field(jnp.asarray(rng.uniform(0.02, 2.0, (4, 3, 8)), jnp.float32), SLOT)
     length = jnp.asarray(rng.uniform(5, 300, 3), jnp.float32)
     found = mean_crossing_times(speeds, length, "integrated", 1)
-    enter = jax.vmap(jax.vmap(crossing_time, (0, 0, None)), (0, None, None))
+    enter = jax.vmap(jax.vmap(lambda one, *rest: crossing_time(one.row(), *rest), (0, 0, None)), (0, None, None))
     by_hand = [np.mean(enter(speeds, length, jnp.float32(slot * SLOT)), axis=0) for slot in range(8)]
     np.testing.assert_allclose(found, np.stack(by_hand, axis=1), rtol=1e-4, atol=1e-2)
     assert (np.diff(np.arange(8) * SLOT + np.asarray(found), axis=1) >= -0.05).all()

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import EnvParams
 from sidestep.walking.crossing_time import crosser, crossing_time, exposure, slot_at
-from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
+from sidestep.walking.expected_times import RowOrTimes, Speeds, SpeedsOrTimes
 from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
 from sidestep.walking.waits import Segments, Wait
 
@@ -57,7 +57,7 @@ def cross(
 
 def cross_at_speeds(
     params: EnvParams,
-    speeds: SpeedsOrTimes,
+    speeds: RowOrTimes,
     wait: Wait,
     segment: Int[Array, ""],
     clock: Float[Array, ""],
@@ -149,7 +149,7 @@ def _lost(params: EnvParams, crossed: Crossing, waited: Numbers | float) -> Cros
 
 
 def _crossing(
-    objective: Objective, speeds: SpeedsOrTimes, clock: Numbers, seconds: Numbers, length: Numbers
+    objective: Objective, speeds: SpeedsOrTimes | RowOrTimes, clock: Numbers, seconds: Numbers, length: Numbers
 ) -> Crossing:
     """What it costs to come to segments at clocks and to leave them so many seconds later."""
 

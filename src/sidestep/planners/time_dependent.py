@@ -186,7 +186,7 @@ def least_cost_path(params: EnvParams, field: SpeedsOrTimes, instance: Instance)
     def onward(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         node, clock, path, steps = carry
         onto, segment = network.exit_node[node], network.exit_segment[node]
-        ahead = jax.vmap(lambda one: cross_at_speeds(params, field.of(one), wait, one, clock))(segment)
+        ahead = jax.vmap(lambda one: cross_at_speeds(params, field.row(one), wait, one, clock))(segment)
         to_go = at_clock(table, field.slot_seconds / every, clock + ahead.seconds, onto)
         valid = network.exits_to(destination, node)
         best = jnp.argmin(jnp.where(valid, ahead.cost + to_go, jnp.inf)).astype(jnp.int32)

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.crowds.base import Index, Scalar
-from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
-from sidestep.walking.speed_field import KnownSpeeds, Numbers, SensedSpeeds
+from sidestep.walking.expected_times import RowOrTimes, Speeds, SpeedsOrTimes
+from sidestep.walking.speed_field import KnownSpeeds, Numbers, SensedSpeeds, SpeedRow
 
 CrossingRule = Literal["integrated", "entry"]
 """``entry`` (the paper, eq. 4) keeps the speed at entry to the end; ``integrated`` walks through the slots that the
@@ -19,13 +19,16 @@ crossing spans, each at its own speed, so that nobody who enters later leaves ea
 BySegment = Float[Array, " segment"]
 SlotBySlot = Float[Array, "slot segment"]
 
+WINDOW = 8
+"""Slots that are looked at together for the one in which a crossing ends; they lie together in memory."""
+
 
 def slot_at(clock: Numbers, slot_seconds: float, slots: int) -> Int[Array, "*n"]:
     """The slots that clocks in s lie in; the last slot lasts for ever."""
     return jnp.clip(jnp.floor(clock / slot_seconds).astype(jnp.int32), 0, slots - 1)
 
 
-def crossing_time(segment: SpeedsOrTimes, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated") -> Scalar:
+def crossing_time(segment: RowOrTimes, length: Scalar, clock: Scalar, rule: CrossingRule = "integrated") -> Scalar:
     """Time to cross a segment.
 
     Parameters
@@ -46,14 +49,28 @@ def crossing_time(segment: SpeedsOrTimes, length: Scalar, clock: Scalar, rule: C
     """
     if segment.expected:
         return segment.at(clock)
-    speed, covered, slot_seconds = segment.speed, segment.covered, segment.slot_seconds
-    now, last = slot_at(clock, slot_seconds, segment.slots), segment.slots - 1
+    slot_seconds = segment.slot_seconds
+    now = slot_at(clock, slot_seconds, segment.slots)
     if rule == "entry":
-        return length / speed[now]
-    end = covered[now] + speed[now] * (clock - now * slot_seconds) + length
-    # The slot in which the end is reached. Counting beats a binary search: it is one pass over a short row.
-    then = jnp.clip(jnp.sum(covered <= end) - 1, now, last)
-    return then * slot_seconds + (end - covered[then]) / speed[then] - clock
+        return length / segment.speed(now)
+    end = segment.covered(now) + segment.speed(now) * (clock - now * slot_seconds) + length
+    then = _slot_of_end(segment, now, end)
+    return then * slot_seconds + (end - segment.covered(then)) / segment.speed(then) - clock
+
+
+def _slot_of_end(segment: SpeedRow, now: Index, end: Scalar) -> Index:
+    """The slot in which a walker who enters in slot ``now`` has covered as many metres as at the segment's end."""
+    last = segment.slots - 1
+    width = min(WINDOW, segment.slots)
+
+    def further(carry: tuple[Index, Bool[Array, ""]]) -> tuple[Index, Bool[Array, ""]]:
+        first = jnp.minimum(carry[0] + 1, segment.slots - width)
+        reached = first - 1 + jnp.sum(segment.covered_from(first, width) <= end, dtype=jnp.int32)
+        # Who covers all slots of a window may get beyond it. Rounding takes nobody back before the entry.
+        return jnp.maximum(reached, now), (reached == first - 1 + width) & (reached < last)
+
+    # One window nearly always, but those who walk side by side wait for the slowest.
+    return jax.lax.while_loop(lambda carry: carry[1], further, (now, jnp.bool_(True)))[0]
 
 
 def exposure(density: Float[Array, "*n slot"], slot_seconds: float, begin: Numbers, end: Numbers) -> Numbers:

@@ -6,13 +6,12 @@ The time in the mean crowd is not the mean time: streets that jam in some of the
 from typing import Any, ClassVar, Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.crowds.base import Field, Index
 from sidestep.network.graph import RoadNetwork
-from sidestep.walking.speed_field import KnownSpeeds, Numbers, Segments, SpeedField, Table
+from sidestep.walking.speed_field import KnownSpeeds, Numbers, Segments, SpeedField, SpeedRow, Table
 
 
 class CrossingTimes(eqx.Module):
@@ -30,6 +29,8 @@ class CrossingTimes(eqx.Module):
     """Length of a step in s."""
     mean: SpeedField
     """In the mean crowd, whose densities count."""
+    where: tuple[Index, ...] = ()
+    """Which segment a single one is, as in :class:`sidestep.walking.speed_field.SpeedRow`."""
 
     @property
     def slot_seconds(self) -> float:
@@ -41,11 +42,11 @@ class CrossingTimes(eqx.Module):
 
     @property
     def known_density(self) -> Table:
-        return self.mean.known_density
+        return self.mean.known_density[self.where]
 
-    def of(self, segment: Index) -> "CrossingTimes":
+    def row(self, segment: Index) -> "CrossingTimes":
         """Times to cross one of the segments."""
-        return jax.tree.map(lambda leaf: leaf[segment], self)
+        return CrossingTimes(self.seconds[segment], self.step_seconds, self.mean, (segment,))
 
     def at(self, clock: Numbers) -> Numbers:
         """Seconds to cross each segment, entered at its own clock in s, or at the same."""
@@ -98,7 +99,8 @@ class ExpectedTimes(eqx.Module):
 
     def row(self, hour: Index, segment: Index) -> CrossingTimes:
         """Times to cross one segment."""
-        return CrossingTimes(self.seconds[hour, segment], self.step_seconds, self.mean.row(hour, segment))
+        mean = self.mean.row(hour, segment)
+        return CrossingTimes(self.seconds[hour, segment], self.step_seconds, mean.field, mean.where)
 
     def leaving(self, hour: Index, segment: Index, clock: Float[Array, ""]) -> Float[Array, ""]:
         """Clock at which a segment is left that is entered at a clock, in s."""
@@ -131,6 +133,9 @@ Speeds = KnownSpeeds | ExpectedTimes
 
 SpeedsOrTimes = SpeedField | CrossingTimes
 """The same of one future, or at one hour."""
+
+RowOrTimes = SpeedRow | CrossingTimes
+"""The same on one segment."""
 
 
 def _linear(table: Float[Array, "*lead step"], where: tuple[Array, ...], position: Float[Array, "*m"]) -> Numbers:

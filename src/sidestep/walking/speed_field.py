@@ -20,7 +20,7 @@ Table = Float[Array, "*future_segment slot"]
 class SpeedField(eqx.Module):
     """Walking speed on every segment in every slot, and how far one gets in them. The last slot lasts for ever.
 
-    Leading axes, if any, count futures; the speeds of a single segment have no axis of segments.
+    Leading axes, if any, count futures; the speeds of a single segment (:class:`SpeedRow`) may have none.
     """
 
     interpolated: ClassVar[Literal[False]] = False
@@ -71,12 +71,12 @@ class SpeedField(eqx.Module):
         return self.density
 
     def of(self, future: Index) -> "SpeedField":
-        """Speeds on all segments in one of the futures or, where there is no axis of futures, on one segment."""
+        """Speeds on all segments in one of the futures."""
         return jax.tree.map(lambda leaf: leaf[future], self)
 
-    def row(self, future: Index, segment: Index) -> "SpeedField":
-        """Speeds on one segment in one of the futures."""
-        return jax.tree.map(lambda leaf: leaf[future, segment], self)
+    def row(self, *where: Index) -> "SpeedRow":
+        """Speeds on one segment in one of the futures; ``where`` are the numbers of those axes that there are."""
+        return SpeedRow(self, where)
 
     def at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         """Speeds in m/s on segments in a slot of one of the futures."""
@@ -98,6 +98,45 @@ class SpeedField(eqx.Module):
         """The crowds that :func:`walking_speeds` made these speeds from."""
         volume = jnp.swapaxes(self.known_density, -1, -2) * network.length * network.width
         return FlowField(volume, self.slot_seconds)
+
+
+class SpeedRow(eqx.Module):
+    """Walking speed on one segment in every slot.
+
+    Numbers are looked up where they are needed: to copy the whole row for every walker takes longer than all the rest
+    of a step.
+    """
+
+    expected: ClassVar[Literal[False]] = False
+
+    field: SpeedField
+    where: tuple[Index, ...]
+    """The future and the segment, as far as ``field`` has these axes."""
+
+    @property
+    def slots(self) -> int:
+        return self.field.slots
+
+    @property
+    def slot_seconds(self) -> float:
+        return self.field.slot_seconds
+
+    @property
+    def known_density(self) -> Float[Array, " slot"]:
+        return self.field.known_density[self.where]
+
+    def speed(self, slot: Int[Array, "*n"]) -> Numbers:
+        """Speeds in m/s in slots."""
+        return self.field.speed[(*self.where, slot)]
+
+    def covered(self, slot: Int[Array, "*n"]) -> Numbers:
+        """Metres walked from clock 0 to the beginnings of slots."""
+        return self.field.covered[(*self.where, slot)]
+
+    def covered_from(self, slot: Index, slots: int) -> Float[Array, " slot"]:
+        """The same for so many slots, from one on."""
+        size = (*(1 for _ in self.where), slots)
+        return jax.lax.dynamic_slice(self.field.covered, (*self.where, slot), size).reshape(slots)
 
 
 class SensedSpeeds(eqx.Module):
@@ -133,9 +172,9 @@ class SensedSpeeds(eqx.Module):
         density = self.crowds.weights.everywhere(self.crowds.counted[future])
         return speed_field(_paced(self.law.speed(density), self.pace).T, self.slot_seconds, density.T)
 
-    def row(self, future: Index, segment: Index) -> SpeedField:
+    def row(self, future: Index, segment: Index) -> SpeedRow:
         density = self.crowds.densities(future, segment)
-        return speed_field(self.on(segment, density), self.slot_seconds, density)
+        return speed_field(self.on(segment, density), self.slot_seconds, density).row()
 
     def at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         return self.on(segment, self.density_at(future, segment, slot))
