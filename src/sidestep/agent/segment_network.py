@@ -64,7 +64,8 @@ class SegmentQNetwork(eqx.Module):
         local, estimate = observation.local, observation.estimate
         if local is None or estimate is None:
             raise ValueError("segments can be scored from level local on")
-        state, segments = jax.lax.stop_gradient(self._features(observation, local, estimate))
+        inputs = features(observation, local, estimate, self.metres, self.seconds, self.free_speed)
+        state, segments = jax.lax.stop_gradient(inputs)
         toll_here, toll_onward = jnp.float32(0), jnp.zeros(segments.shape[0])
         if self.places is not None:
             here = self.places(observation.node, local.clock)
@@ -80,49 +81,71 @@ class SegmentQNetwork(eqx.Module):
         q = self.unit * advantage
         return q - estimate / self.reward_seconds if self.potential else q
 
-    def _features(
-        self, seen: Observation, local: Local, estimate: Float[Array, " exit"]
-    ) -> tuple[Float[Array, " state"], Float[Array, "exit feature"]]:
-        """Inputs of about unit size: those of the state, and those of each segment that leaves."""
-        least = jnp.min(jnp.where(seen.valid, estimate, jnp.inf))
-        far = jnp.linalg.norm(local.ahead)
-        onward = jnp.linalg.norm(local.onward, axis=1)
-        exits = seen.valid.sum()
-        state = [
-            jnp.stack([local.clock / CLOCK_SECONDS, far / self.metres / 10, least / self.seconds / 10, exits / 4]),
-            local.ahead / jnp.maximum(far, 1.0),
-        ]
-        segments = [
-            jnp.log(local.cost / self.seconds),
-            jnp.log(local.cost * self.free_speed / local.length),
-            local.length / self.metres - 1,
-            (far - onward) / local.length,
-            onward / self.metres / 10,
-            jnp.minimum((estimate - least) / self.seconds, FAR) / 3,
-            (local.steps_since_visit == 1).astype(float),
-            jnp.where(local.steps_since_visit <= RECENT_NODES, 1 - local.steps_since_visit / (1 + RECENT_NODES), 0.0),
-        ]
-        expected, live = seen.expected, seen.live
-        if expected is not None:  # from level map on
-            segments += [
-                jnp.log(expected.cost / self.seconds),
-                jnp.log(local.cost / expected.cost),
-                self._cut_off(expected.to_go - least),
-            ]
-            if expected.log_density_ratio is not None and expected.cost_to_go_scaled is not None:
-                ratio, scaled = expected.log_density_ratio, self._cut_off(expected.cost_to_go_scaled)
-                least_scaled = jnp.min(jnp.where(seen.valid, scaled, jnp.inf))
-                mean_ratio = jnp.sum(jnp.where(seen.valid, ratio, 0.0)) / exits
-                state.append(mean_ratio[None])
-                segments += [ratio, scaled, (scaled - least_scaled) * mean_ratio]
-            if live is not None:
-                ahead = live.snapshot - least, live.snapshot - estimate, local.cost + expected.to_go - estimate
-                segments += map(self._cut_off, ahead)
-        segments = [jnp.where(seen.valid, each, 0.0) for each in segments]
-        return jnp.concatenate(state), jnp.stack(segments, axis=1)
 
-    def _cut_off(self, seconds: Float[Array, " exit"]) -> Float[Array, " exit"]:
-        return jnp.clip(seconds / self.seconds, -FAR, FAR) / 3
+def features(
+    seen: Observation,
+    local: Local,
+    estimate: Float[Array, " exit"],
+    metres: Float[Array, ""],
+    seconds: Float[Array, ""],
+    free_speed: float,
+) -> tuple[Float[Array, " state"], Float[Array, "exit feature"]]:
+    """Put what a walker sees from level ``local`` on into numbers of about unit size.
+
+    Parameters
+    ----------
+    seen, local, estimate
+        What the walker sees, with what it has from level ``local`` on.
+    metres, seconds
+        Units of lengths in m, and of times in s.
+    free_speed
+        Of the walker in an empty street, m/s.
+
+    Returns
+    -------
+    state, segments
+        Features of the state, and of each segment that leaves; those of exits that are not valid are 0.
+    """
+
+    def cut_off(late: Float[Array, " exit"]) -> Float[Array, " exit"]:
+        return jnp.clip(late / seconds, -FAR, FAR) / 3
+
+    least = jnp.min(jnp.where(seen.valid, estimate, jnp.inf))
+    far = jnp.linalg.norm(local.ahead)
+    onward = jnp.linalg.norm(local.onward, axis=1)
+    exits = seen.valid.sum()
+    state = [
+        jnp.stack([local.clock / CLOCK_SECONDS, far / metres / 10, least / seconds / 10, exits / 4]),
+        local.ahead / jnp.maximum(far, 1.0),
+    ]
+    segments = [
+        jnp.log(local.cost / seconds),
+        jnp.log(local.cost * free_speed / local.length),
+        local.length / metres - 1,
+        (far - onward) / local.length,
+        onward / metres / 10,
+        jnp.minimum((estimate - least) / seconds, FAR) / 3,
+        (local.steps_since_visit == 1).astype(float),
+        jnp.where(local.steps_since_visit <= RECENT_NODES, 1 - local.steps_since_visit / (1 + RECENT_NODES), 0.0),
+    ]
+    expected, live = seen.expected, seen.live
+    if expected is not None:  # from level map on
+        segments += [
+            jnp.log(expected.cost / seconds),
+            jnp.log(local.cost / expected.cost),
+            cut_off(expected.to_go - least),
+        ]
+        if expected.log_density_ratio is not None and expected.cost_to_go_scaled is not None:
+            ratio, scaled = expected.log_density_ratio, cut_off(expected.cost_to_go_scaled)
+            least_scaled = jnp.min(jnp.where(seen.valid, scaled, jnp.inf))
+            mean_ratio = jnp.sum(jnp.where(seen.valid, ratio, 0.0)) / exits
+            state.append(mean_ratio[None])
+            segments += [ratio, scaled, (scaled - least_scaled) * mean_ratio]
+        if live is not None:
+            ahead = live.snapshot - least, live.snapshot - estimate, local.cost + expected.to_go - estimate
+            segments += map(cut_off, ahead)
+    segments = [jnp.where(seen.valid, each, 0.0) for each in segments]
+    return jnp.concatenate(state), jnp.stack(segments, axis=1)
 
 
 STATE = 6

@@ -1,0 +1,103 @@
+"""The single environment, step by step beside the functional core, and Gymnasium's own checks."""
+
+import warnings
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from sidestep.environment.dynamics import reset, step
+from sidestep.environment.types import Instance
+from sidestep.gym import EnvError, Task, WalkEnv
+from sidestep.scenarios.model import Scenario
+
+
+def test_steps_are_those_of_the_functional_core(env: WalkEnv, task: Task) -> None:
+    observation, info = env.reset(seed=3, options={"future": 1})
+    state, seen = reset(task.params, Instance(jnp.int32(0), jnp.int32(8), jnp.float32(0), jnp.int32(1)))
+    rng = np.random.default_rng(0)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        np.testing.assert_array_equal(observation, task.encode(seen))
+        assert info["action_mask"].dtype == np.int8
+        np.testing.assert_array_equal(info["action_mask"], seen.valid)
+        np.testing.assert_array_equal(env.action_masks(), seen.valid)
+        action = rng.integers(4)  # also exits that may not be taken
+        state, outcome = step(task.params, state, jnp.asarray(action))
+        seen = outcome.observation
+        observation, reward, terminated, truncated, info = env.step(action)
+        assert reward == pytest.approx(float(outcome.reward), rel=1e-6)
+        assert (terminated, truncated) == (bool(outcome.terminated), bool(outcome.truncated))
+        assert info["node"] == state.node
+        assert info["cost"] == pytest.approx(float(outcome.crossed.cost), rel=1e-6)
+        assert info["seconds"] == pytest.approx(float(state.clock), rel=1e-6)
+    assert terminated
+    assert info["node"] == 8
+
+
+def test_gymnasium_has_nothing_to_say_against_it(small: Scenario) -> None:
+    for options in ({}, {"observation": "node", "mask": "dict"}, {"observation": "one-hot", "mask": "tianshou"}):
+        made = gymnasium.make("sidestep/PaperGrid-v0", scenario=small, futures=3, **options)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            check_env(made.unwrapped, skip_render_check=True)
+            made.reset(seed=0)
+            for _ in range(30):
+                if any(made.step(made.action_space.sample())[2:4]):
+                    made.reset()
+
+
+def test_a_seed_decides_all_walks_until_the_next_one(small: Scenario) -> None:
+    def walks(env: WalkEnv, seed: int | None) -> list[tuple[int, ...]]:
+        infos = [env.reset(seed=seed)[1], *(env.reset()[1] for _ in range(5))]
+        return [(info["node"], info["future"]) for info in infos]
+
+    one, other = (WalkEnv(small, futures=50, walks="anywhere") for _ in range(2))
+    assert walks(one, 5) == walks(other, 5) == walks(one, 5)
+    assert walks(one, 5) != walks(one, None) != walks(one, 6)
+    assert walks(WalkEnv(small, futures=50, walks="anywhere"), None) != walks(other, None)
+
+
+def test_resets_take_wishes(small: Scenario) -> None:
+    env = WalkEnv(small, futures=6, destinations=2, level="local", walks="anywhere")
+    first, second = (env.reset(options={"future": future})[1]["destination"] for future in (0, 1))
+    assert first != second
+    for _ in range(20):
+        info = env.reset(options={"destination": second})[1]
+        assert (info["destination"], info["future"] % 2) == (second, 1)
+        assert info["node"] != second
+        info = env.reset(options={"destination": first, "origin": second})[1]
+        assert (info["node"], info["destination"], info["future"] % 2) == (second, first, 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"future": 3}, "future"), ({"future": -1}, "future"), ({"future": 0.5}, "future"),
+        ({"future": True}, "future"),
+        ({"origin": 9}, "origin"), ({"origin": 8}, "origin"), ({"origin": "0"}, "origin"), ({"origin": [1]}, "origin"),
+        ({"destination": 7}, "destination"), ({"departure": 1}, "departure"), ({"departure": "0"}, "departure"),
+        ({"departure": float("nan")}, "departure"), ({"futur": 1}, "futur"), ({1: 1}, "1"), ([], "options"),
+    ],
+)  # fmt: skip
+def test_wishes_that_cannot_be_met_are_named(env: WalkEnv, options: dict, field: str) -> None:
+    with pytest.raises(EnvError) as error:
+        env.reset(options=options)
+    assert error.value.field == field
+
+
+def test_actions_and_ends_out_of_place_are_refused(env: WalkEnv) -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+    env.reset(seed=0)
+    for action in (4, -1, 0.0, "0", None, [0], True, np.array([0, 1]), [[0], [0, 1]]):
+        with pytest.raises(gymnasium.error.InvalidAction):
+            env.step(action)
+    for action in (2, np.int64(2), np.array(0, np.uint8)):
+        env.step(action)
+    assert env.step(jax.numpy.int32(0))[2]
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
