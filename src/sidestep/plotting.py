@@ -6,9 +6,11 @@ from pathlib import Path as File
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
-from jaxtyping import Float
-from matplotlib import colormaps
+from jaxtyping import Float, UInt8
+from matplotlib import colormaps, get_backend
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.registry import BackendFilter, backend_registry
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
@@ -21,6 +23,7 @@ from matplotlib.transforms import Bbox, BboxBase
 from sidestep.agent.checkpoint import Metadata
 from sidestep.arguments import PATH, checked, instance
 from sidestep.environment.types import EnvParams
+from sidestep.errors import SidestepError
 from sidestep.files import OutputError, whole_file
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.tags import ACROSS
@@ -55,6 +58,7 @@ _OTHERS = ("#7b2d8b", "#00838f", "#5d4037", "#455a64")  # of alternatives, as fa
 _WIDE_RATIO = 5.0  # of the longest walk to the shortest: beyond, small differences cannot be seen on a linear axis
 _SURE = 0.9  # share of the futures whose areas have a line around them
 _MOST_LABELS, _MOST_NUMBERS = 40, 400  # on one side of a matrix, and in it
+_MANY_SEGMENTS = 1_000  # from here on they are drawn as thin lines
 _HALO: dict[str, Any] = {"path_effects": [withStroke(linewidth=3, foreground="white")]}  # readable on streets
 
 
@@ -241,6 +245,110 @@ def crowded_map(
     figure.suptitle(title, color=INK)
     figure.legend(frameon=False, loc="outside lower center", ncols=len(routes))
     return figure
+
+
+class WalkPicture:
+    """A walker under way, drawn anew after every step: an image, or a window.
+
+    Parameters
+    ----------
+    network, free_speed
+        The streets, and the speed of the walker in an empty one, m/s.
+    window
+        Whether it is shown in a window.
+
+    Raises
+    ------
+    SidestepError
+        No window can be opened here (field ``render_mode``).
+    """
+
+    def __init__(self, network: RoadNetwork, free_speed: float, *, window: bool = False) -> None:
+        self._position, self.window = np.asarray(network.position), window
+        self.figure = _window() if window else Figure()
+        self.figure.set(figwidth=7.2, figheight=7.2, layout_engine="constrained")
+        if not window:
+            FigureCanvasAgg(self.figure)
+        axes = self.figure.subplots()
+        ends = self._position[np.stack([network.tail, network.head], axis=1)]  # [segment, end, xy]
+        legs = _beside(ends, 0.06 * float(np.median(np.asarray(network.length))))
+        slow = _CROWDS.reversed()
+        width = 4 if len(legs) < _MANY_SEGMENTS else 1.2
+        self._streets = LineCollection(list(legs), array=np.full(len(legs), free_speed), cmap=slow, linewidths=width)
+        self._streets.set_clim(0, free_speed)
+        _add_coloured(axes, self._streets, "walking speed now, m/s", (0, 0.25, 0.5, 0.75, 1, 1.25, 1.5), pad=0.02)
+        style: dict[str, Any] = {"zorder": 3, "solid_joinstyle": "round", "clip_on": False}
+        self._walk = axes.plot([], [], color=ROUTE, linewidth=3, **style)[0]
+        dots: dict[str, Any] = {"linestyle": "", "marker": "o", "zorder": 4, "clip_on": False, "markeredgecolor": INK}
+        self._end = axes.plot([], [], color=INK, markersize=11, label="destination", **dots)[0]
+        self._walker = axes.plot([], [], color="white", markersize=11, markeredgewidth=2.5, label="walker", **dots)[0]
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.autoscale_view()
+        axes.margins(0.04)
+        self._title = axes.set_title("", color=INK, fontsize=11)
+        self.figure.legend(frameon=False, loc="outside lower center", ncols=2)
+
+    def update(self, title: str, nodes: Sequence[int], destination: int, speed: Float[np.ndarray, " segment"]) -> None:
+        """Draw where the walker is now.
+
+        Parameters
+        ----------
+        title
+            Heading of the picture.
+        nodes, destination
+            Where the walker has been, the latest last, and where it goes.
+        speed
+            Of walkers on each segment now, m/s.
+        """
+        walked = self._position[list(nodes)]
+        for line, points in (
+            (self._walk, walked),
+            (self._walker, walked[-1:]),
+            (self._end, self._position[[destination]]),
+        ):
+            line.set_data(*points.T)
+        self._streets.set_array(speed)
+        self._title.set_text(title)
+        self.figure.canvas.draw()
+
+    def pixels(self) -> UInt8[np.ndarray, "row column 3"]:
+        """The picture as it was drawn last."""
+        canvas: Any = self.figure.canvas
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+    def show(self, seconds: float) -> None:
+        """Keep the window open, and answer to the mouse, for some seconds."""
+        manager = self.figure.canvas.manager
+        if _has_windows() and manager is not None:
+            manager.show()
+            self.figure.canvas.start_event_loop(seconds)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self.window:
+            from matplotlib import pyplot as plt
+
+            plt.close(self.figure)
+
+
+def _has_windows() -> bool:
+    return get_backend() in backend_registry.list_builtin(BackendFilter.INTERACTIVE)  # type: ignore[no-untyped-call]
+
+
+def _window() -> Figure:
+    """A figure of its own window. A backend without windows is taken only where somebody has chosen it."""
+    from matplotlib import pyplot as plt
+
+    chosen = get_backend(auto_select=False)
+    if chosen is None:
+        plt.switch_backend(get_backend())
+    if chosen is None and not _has_windows():
+        raise SidestepError(
+            "render_mode human needs a display, and none is here; take rgb_array, or set MPLBACKEND",
+            field="render_mode",
+        )
+    return plt.figure()
 
 
 def draw_route(plan: RoutePlan) -> Figure:

@@ -5,10 +5,12 @@ import warnings
 import gymnasium
 import jax
 import jax.numpy as jnp
+import matplotlib as mpl
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from sidestep import SidestepError, plotting
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import Instance
 from sidestep.gym import EnvError, Task, WalkEnv
@@ -43,7 +45,8 @@ def test_gymnasium_has_nothing_to_say_against_it(small: Scenario) -> None:
         made = gymnasium.make("sidestep/PaperGrid-v0", scenario=small, futures=3, **options)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            check_env(made.unwrapped, skip_render_check=True)
+            mpl.use("agg")  # for the window that the check opens
+            check_env(made.unwrapped, skip_render_check=bool(options))
             made.reset(seed=0)
             for _ in range(30):
                 if any(made.step(made.action_space.sample())[2:4]):
@@ -101,3 +104,35 @@ def test_actions_and_ends_out_of_place_are_refused(env: WalkEnv) -> None:
     assert env.step(jax.numpy.int32(0))[2]
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(0)
+
+
+def test_walks_are_drawn(small: Scenario) -> None:
+    made = gymnasium.make("sidestep/PaperGrid-v0", scenario=small, futures=3, render_mode="rgb_array", render_fps=2.0)
+    assert made.metadata["render_fps"] == 2
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        made.unwrapped.render()
+    made.reset(seed=0, options={"future": 0})
+    before = made.render()
+    assert before.dtype == np.uint8
+    assert before.shape == (720, 720, 3)
+    made.step(2)
+    assert (made.render() != before).any()
+    made.close()
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert WalkEnv(small, futures=3).render() is None
+
+
+def test_a_window_is_drawn_after_every_step(small: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    mpl.use("agg")  # a choice: nobody sees it
+    made = WalkEnv(small, futures=3, render_mode="human")
+    drawn: list[str] = []
+    monkeypatch.setattr(plotting.WalkPicture, "update", lambda _, title, *__: drawn.append(title))
+    made.reset(seed=0, options={"future": 0})
+    made.step(2)
+    assert made.render() is None
+    assert len(drawn) == 2
+    made.close()
+    monkeypatch.setattr(plotting, "get_backend", lambda *, auto_select=True: "agg" if auto_select else None)
+    with pytest.raises(SidestepError) as error:
+        WalkEnv(small, render_mode="human")
+    assert error.value.field == "render_mode"

@@ -10,6 +10,7 @@ from jaxtyping import Bool
 from sidestep.gym.choices import CHOICES, check_names
 from sidestep.gym.options import EnvOptions, read_options
 from sidestep.gym.runner import Report, Runner, checked_actions
+from sidestep.gym.scene import scene_of
 from sidestep.gym.spaces import observation_space, with_mask
 
 
@@ -50,9 +51,10 @@ class WalkEnv(gymnasium.Env[Any, np.int64]):
     def __init__(self, scenario: object, **options: Any) -> None:
         self.options = read_options(EnvOptions, scenario, options)
         self._runner = Runner(self.options, 1, "Disabled")
+        self._scene = scene_of(self._runner.task, self.options, 1)
         self._over = True
         self.observation_space = observation_space(self._runner.task, self.options)
-        self.action_space = spaces.Discrete(self._runner.task.exits)
+        self.action_space = spaces.Discrete(self._runner.exits)
         self.render_mode = self.options.render_mode
         self.metadata = {**self.metadata, "render_fps": self.options.render_fps}
 
@@ -105,7 +107,7 @@ class WalkEnv(gymnasium.Env[Any, np.int64]):
         gymnasium.error.ResetNeeded
             The walk is over, or none has begun.
         """
-        taken = checked_actions(action, (), self._runner.task.exits)
+        taken = checked_actions(action, (), self._runner.exits)
         if self._over:
             raise gymnasium.error.ResetNeeded("the walk is over: call reset() before the next step()")
         report, _ = self._runner.step(taken[None])
@@ -117,6 +119,26 @@ class WalkEnv(gymnasium.Env[Any, np.int64]):
         """Which exits may be taken now, as ``sb3_contrib.MaskablePPO`` asks for them."""
         return self._runner.mask[0].astype(bool)
 
+    def render(self) -> Any:
+        """Draw the walk so far, and how fast people walk now; see ``render_mode``.
+
+        Returns
+        -------
+        numpy.ndarray | None
+            An image; None where there is a window, which is drawn after every step by itself.
+        """
+        if self._scene is None:
+            gymnasium.logger.warn("render() draws nothing without a render_mode: make the environment with rgb_array")
+            return None
+        return self._scene.pixels(0)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._scene is not None:
+            self._scene.close()
+
     def _told(self, report: Report) -> tuple[Any, dict[str, Any]]:
+        if self._scene is not None:
+            self._scene.follow(report)
         info = {name: row[0] if row.ndim > 1 else row[0].item() for name, row in report.info().items()}
         return with_mask(report.shown[0], info["action_mask"], self.options), info

@@ -78,6 +78,8 @@ class EnvOptions(Spec):
 class VectorOptions(EnvOptions):
     """Keyword arguments of vector environments."""
 
+    render_mode: Literal["rgb_array"] | None = None
+    """Pictures as arrays, one for each walker."""
     num_envs: values.Count = 1
     """Walkers."""
     autoreset_mode: Annotated[Literal["NextStep", "SameStep", "Disabled"], BeforeValidator(_unset)] = "NextStep"

@@ -1,7 +1,6 @@
 """What the environments have in common: a task, its walkers, and the way between NumPy and the compiled programs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -24,8 +23,9 @@ class Report(NamedTuple):
     shown: Any
     mask: Int8[np.ndarray, "walker exit"]
     reward: Float[np.ndarray, " walker"]
-    seconds: Float[np.ndarray, " walker"]
     cost: Float[np.ndarray, " walker"]
+    seconds: Float[np.ndarray, " walker"]
+    departure: Float[np.ndarray, " walker"]
     node: Int[np.ndarray, " walker"]
     destination: Int[np.ndarray, " walker"]
     future: Int[np.ndarray, " walker"]
@@ -44,6 +44,7 @@ class Report(NamedTuple):
             "node": self.node,
             "destination": self.destination,
             "future": self.future,
+            "departure": self.departure,
             "seconds": self.seconds,
             "cost": self.cost,
         }
@@ -61,13 +62,12 @@ class Runner:
 
     def __init__(self, options: EnvOptions, walkers: int, mode: str, most_steps: int | None = None) -> None:
         self.task = task_of(options)
-        self.count = walkers
+        self.count, self.exits = walkers, self.task.exits
         self._walks = Walks(self.task, options.scenario.departures[1])
-        # Lists of arrays, since JAX hands on PyTrees of classes much more slowly.
         self._leaves, structure = jax.tree.flatten(self.task)
         self._programs = programs(structure, mode, most_steps)
         self._walkers: Walkers | None = None
-        self.mask = np.zeros((walkers, self.task.exits), np.int8)
+        self.mask = np.zeros((walkers, self.exits), np.int8)
         """Which exits may be taken now."""
 
     def seed(self, seed: int) -> None:
@@ -75,7 +75,7 @@ class Runner:
         row, walks = jnp.asarray(streams(seed, self.count)), jnp.full(self.count, -1, jnp.int32)
         state = self.task.begin(Instance(jnp.int32(0), jnp.int32(0), jnp.float32(0), jnp.int32(0)))
         states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.count, *leaf.shape)), state)
-        self._walkers = Walkers(states, row, walks, jnp.ones(self.count, bool))
+        self._walkers = Walkers(jax.tree.leaves(states), row, walks, jnp.ones(self.count, bool))
 
     @property
     def seeded(self) -> bool:
@@ -110,7 +110,7 @@ class Runner:
         instances = self._programs.sample(self._leaves, walkers.stream, episode)
         if any(wishes):
             instances = self._as_asked(instances, wishes)
-        walkers = replace(walkers, episode=episode)
+        walkers = walkers._replace(episode=episode)
         self._walkers, told = self._programs.begin(self._leaves, walkers, instances, now)
         return self._kept(told)
 

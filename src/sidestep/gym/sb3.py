@@ -88,7 +88,7 @@ class SB3VecEnv(VecEnv):  # type: ignore[misc] # without types where it is not i
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> list[np.ndarray | None]:
-        raise NotImplementedError
+        return list(self.envs.render() or [None] * self.num_envs)
 
 
 def _split(infos: dict[str, Any], walkers: Iterable[int]) -> list[dict[str, Any]]:

@@ -11,9 +11,9 @@ from jaxtyping import Bool
 
 from sidestep.arguments import brief
 from sidestep.gym.choices import CHOICES, check_names, each_walker
-from sidestep.gym.env import WalkEnv
 from sidestep.gym.options import EnvError, VectorOptions, read_options
 from sidestep.gym.runner import Report, Runner, checked_actions
+from sidestep.gym.scene import scene_of
 from sidestep.gym.spaces import observation_space, with_mask
 
 
@@ -53,15 +53,16 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.options = read_options(VectorOptions, scenario, {"num_envs": num_envs, **options})
         self.num_envs, mode = self.options.num_envs, self.options.autoreset_mode
         self.metadata = {
-            **WalkEnv.metadata,
+            "render_modes": ["rgb_array"],
             "render_fps": self.options.render_fps,
             "autoreset_mode": AutoresetMode(mode),
         }
         self.render_mode = self.options.render_mode
         self._runner = Runner(self.options, self.num_envs, mode, self.options.max_episode_steps)
+        self._scene = scene_of(self._runner.task, self.options, self.num_envs)
         self._over = np.ones(self.num_envs, bool)
         self.single_observation_space = observation_space(self._runner.task, self.options)
-        self.single_action_space = spaces.Discrete(self._runner.task.exits)
+        self.single_action_space = spaces.Discrete(self._runner.exits)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
@@ -117,7 +118,7 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         gymnasium.error.ResetNeeded
             No walks have begun, or some are over and do not begin anew by themselves.
         """
-        taken = checked_actions(actions, (self.num_envs,), self._runner.task.exits)
+        taken = checked_actions(actions, (self.num_envs,), self._runner.exits)
         mode = self.metadata["autoreset_mode"]
         if not self._runner.seeded or (mode is AutoresetMode.DISABLED and self._over.any()):
             raise gymnasium.error.ResetNeeded("some walks are over or not begun: call reset() before the next step()")
@@ -132,7 +133,22 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         """Which exits may be taken now."""
         return self._runner.mask.astype(bool)
 
+    def render(self) -> tuple[Any, ...] | None:
+        """Draw all walks so far, one image for each walker.
+
+        Returns
+        -------
+        tuple[numpy.ndarray, ...] | None
+            Nothing without a ``render_mode``.
+        """
+        if self._scene is None:
+            gymnasium.logger.warn("render() draws nothing without a render_mode: make the environment with rgb_array")
+            return None
+        return tuple(map(self._scene.pixels, range(self.num_envs)))
+
     def _told(self, report: Report) -> Any:
+        if self._scene is not None:
+            self._scene.follow(report)
         return with_mask(report.shown, report.mask, self.options)
 
     def _finals(self, final: Report, over: Bool[np.ndarray, " walker"]) -> dict[str, Any]:

@@ -1,11 +1,9 @@
 """Many walkers in one compiled call: how walks begin, and steps after whose end others begin."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,10 +14,11 @@ from sidestep.gym.task import Task
 from sidestep.scenarios.episodes import DRAWS
 
 
-class Walkers(eqx.Module):
+class Walkers(NamedTuple):
     """Walkers on their way; each has a random stream of its own, from which its walks are drawn one after the other."""
 
-    state: EnvState
+    state: list[Array]
+    """Leaves of their :class:`~sidestep.environment.types.EnvState`: JAX hands on classes much more slowly."""
     stream: UInt32[Array, "*walker word"]
     episode: Int[Array, "*walker"]
     """Number of the walk in the stream."""
@@ -32,8 +31,8 @@ class Told(NamedTuple):
 
     shown: Array
     mask: Int8[Array, "*walker exit"]
-    floats: Float[Array, "3 *walker"]
-    """Reward; seconds walked; cost of the step, s."""
+    floats: Float[Array, "4 *walker"]
+    """Reward; cost of the step, s; seconds walked; clock of the departure, s."""
     ints: Int[Array, "3 *walker"]
     """Node; destination; future."""
     flags: Bool[Array, "2 *walker"]
@@ -135,33 +134,40 @@ def _drawn(task: Task, stream: UInt32[Array, "2"], episode: Int[Array, ""]) -> I
 
 
 def _begun(task: Task, before: Walkers, instance: Instance, now: Bool[Array, ""]) -> tuple[Walkers, Told]:
-    state = jax.tree.map(partial(jnp.where, now), task.begin(instance), before.state)
-    walker = replace(before, state=state, over=before.over & ~now)
+    begun = task.begin(instance)
+    state = jax.tree.map(partial(jnp.where, now), begun, _state(begun, before))
+    walker = before._replace(state=jax.tree.leaves(state), over=before.over & ~now)
     return walker, _told(task, state, task.observe(state), jnp.float32(0), jnp.float32(0), jnp.zeros(2, bool))
 
 
 def _step(
     task: Task, before: Walkers, action: Int[Array, ""], *, mode: str, most_steps: int | None
 ) -> tuple[Walkers, Told, Told | None]:
-    state, outcome = task.step(before.state, action)
+    episode = before.episode + before.over if mode == "NextStep" else before.episode + 1
+    begun = task.begin(_drawn(task, before.stream, episode))
+    state, outcome = task.step(_state(begun, before), action)
     truncated = outcome.truncated
     if most_steps is not None:
         truncated |= ~outcome.terminated & (state.steps >= most_steps)
     reward, cost, flags = outcome.reward, outcome.crossed.cost, jnp.stack([outcome.terminated, truncated])
     if mode == "Disabled":
-        walker = replace(before, state=state, over=flags.any())
+        walker = before._replace(state=jax.tree.leaves(state), over=flags.any())
         return walker, _told(task, state, outcome.observation, reward, cost, flags), None
     anew = before.over if mode == "NextStep" else flags.any()
-    episode = before.episode + anew
-    begun = task.begin(_drawn(task, before.stream, episode))
     after = jax.tree.map(partial(jnp.where, anew), begun, state)
     if mode == "SameStep":
         final = _told(task, state, outcome.observation, reward, cost, flags)
         told = _told(task, after, task.observe(after), reward, jnp.where(anew, 0.0, cost), flags)
-        return Walkers(after, before.stream, episode, jnp.bool_(False)), told, final
+        episode = jnp.where(anew, episode, before.episode)
+        return Walkers(jax.tree.leaves(after), before.stream, episode, jnp.bool_(False)), told, final
     reward, cost, flags = jnp.where(anew, 0.0, reward), jnp.where(anew, 0.0, cost), flags & ~anew
-    walker = Walkers(after, before.stream, episode, flags.any())
+    walker = Walkers(jax.tree.leaves(after), before.stream, episode, flags.any())
     return walker, _told(task, after, task.observe(after), reward, cost, flags), None
+
+
+def _state(like: EnvState, walker: Walkers) -> EnvState:
+    state: EnvState = jax.tree.unflatten(jax.tree.structure(like), walker.state)
+    return state
 
 
 def _told(
@@ -176,7 +182,7 @@ def _told(
     return Told(
         shown=task.encode(seen),
         mask=seen.valid.astype(jnp.int8),
-        floats=jnp.stack([reward, state.clock - instance.departure, cost]),
+        floats=jnp.stack([reward, cost, state.clock - instance.departure, instance.departure]),
         ints=jnp.stack([state.node, instance.destination, instance.future]),
         flags=flags,
     )
