@@ -1,9 +1,11 @@
 """What an environment is made of: the keyword arguments of ``gymnasium.make``."""
 
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field
 
+from sidestep.arguments import brief
 from sidestep.environment.types import Information
 from sidestep.scenarios import values
 from sidestep.scenarios.model import Scenario
@@ -110,8 +112,11 @@ def read_options(kind: type[Options], scenario: object, given: dict[str, Any]) -
 
     Raises
     ------
-    SidestepError
+    EnvError
         Unknown and wrong values, each with its field.
     """
-    problem = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)  # type: ignore[arg-type]
-    return kind(scenario=problem, **given)
+    if isinstance(scenario, str | Path):
+        scenario = find_scenario(scenario)
+    if not isinstance(scenario, Scenario):
+        raise EnvError(f"scenario must be a name, a file or a scenario, not {brief(scenario)}", field="scenario")
+    return kind(scenario=scenario, **given)
