@@ -105,7 +105,7 @@ class GymnaxEnv:
     (1, False, [1, 0, 1, 1])
     """
 
-    def __init__(self, scenario: object, *, api: Api = "1.0", **options: Any) -> None:
+    def __init__(self, scenario: object, *, api: str = "1.0", **options: Any) -> None:
         if api not in get_args(Api):
             raise EnvError(f"api must be one of {', '.join(get_args(Api))}, not {api!r:.60}", field="api")
         self.options = read_options(EnvOptions, scenario, options)
