@@ -1,6 +1,8 @@
 """The single environment, step by step beside the functional core, and Gymnasium's own checks."""
 
 import warnings
+from collections.abc import Callable
+from dataclasses import replace
 
 import gymnasium
 import jax
@@ -14,6 +16,8 @@ from sidestep import SidestepError, plotting
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import Instance
 from sidestep.gym import EnvError, Task, WalkEnv
+from sidestep.gym.choices import Chosen, Walks
+from sidestep.network.graph import road_network
 from sidestep.scenarios.model import Scenario
 
 
@@ -90,6 +94,25 @@ def test_wishes_that_cannot_be_met_are_named(env: WalkEnv, options: dict, field:
     with pytest.raises(EnvError) as error:
         env.reset(options=options)
     assert error.value.field == field
+
+
+def test_nobody_begins_where_no_path_leads_on(task: Task) -> None:
+    network = task.params.network
+    on = np.asarray(network.tail) != 4
+    streets = (np.asarray(each)[on] for each in (network.tail, network.head, network.length))
+    sink = replace(task.params, network=road_network(network.position, *streets))
+    walks = Walks(replace(task, params=sink), latest=0.0)
+    with pytest.raises(EnvError) as error:
+        walks.chosen(Chosen(0, 8, 0.0, 0), {"origin": 4})
+    assert error.value.field == "origin"
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_gymnasium_hands_on_what_is_wrong_with_arguments(make: Callable[..., object]) -> None:
+    for options in ({"speed": 1}, {"scenario": 5}, {"futures": "8"}, {"purpose": None}):
+        with pytest.raises(EnvError) as error:
+            make("sidestep/PaperGrid-v0", **options)
+        assert error.value.field in options
 
 
 def test_actions_and_ends_out_of_place_are_refused(env: WalkEnv) -> None:

@@ -4,13 +4,14 @@ import operator
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from sidestep.arguments import brief
 from sidestep.errors import hint
 from sidestep.gym.options import EnvError
 from sidestep.gym.task import Task
+from sidestep.scenarios.spec import ScenarioError
+from sidestep.scenarios.stations import check_ways
 
 CHOICES = ("future", "origin", "destination", "departure")
 """What may be chosen of a walk."""
@@ -33,13 +34,13 @@ class Walks:
         network, sampler = task.params.network, task.sampler
         self.latest = latest
         """The latest departure, s."""
-        self.exit_node = np.asarray(network.exit_node)
         self.begins, self.ends = np.asarray(sampler.origins), np.asarray(sampler.destinations)
         self.futures, self.counts = np.asarray(sampler.futures), np.asarray(sampler.counts)
         self.row_of_future = np.asarray(task.params.futures.destination)
         self.destinations = np.asarray(task.destinations)
         self.part = np.repeat(np.arange(len(task.parts)), task.parts)
-        self.exits_to = network.exits_to
+        self._network = network
+        self._led: set[tuple[int, int]] = set()  # origins and destinations with a path between them
 
     @property
     def nodes(self) -> int:
@@ -108,8 +109,12 @@ class Walks:
             )
         if origin == there:
             raise EnvError(f"origin must not be the destination, node {there}", field="origin")
-        if not np.asarray(self.exits_to(jnp.int32(there), jnp.int32(origin))).any():
-            raise EnvError(f"origin: no street may be taken from node {origin} to node {there}", field="origin")
+        if (origin, there) not in self._led:
+            try:
+                check_ways(self._network, (origin,), (there,))
+            except ScenarioError as error:
+                raise EnvError(f"origin {origin} is no place to begin: {error}", field="origin") from error
+            self._led.add((origin, there))
         return origin, there
 
     def _number(self, options: Mapping[str, Any], name: str, count: int) -> int | None:

@@ -12,6 +12,7 @@ from sidestep.gym.options import EnvOptions, read_options
 from sidestep.gym.runner import Report, Runner, checked_actions
 from sidestep.gym.scene import scene_of
 from sidestep.gym.spaces import observation_space, with_mask
+from sidestep.gym.task import Task
 
 
 class WalkEnv(gymnasium.Env[Any, np.int64]):
@@ -114,6 +115,11 @@ class WalkEnv(gymnasium.Env[Any, np.int64]):
         self._over = bool(report.over[0])
         observation, info = self._told(report)
         return observation, float(report.reward[0]), bool(report.terminated[0]), bool(report.truncated[0]), info
+
+    @property
+    def task(self) -> Task:
+        """The walks as the functional core has them."""
+        return self._runner.task
 
     def action_masks(self) -> Bool[np.ndarray, " exit"]:
         """Which exits may be taken now, as ``sb3_contrib.MaskablePPO`` asks for them."""

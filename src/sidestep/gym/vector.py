@@ -15,6 +15,7 @@ from sidestep.gym.options import EnvError, VectorOptions, read_options
 from sidestep.gym.runner import Report, Runner, checked_actions
 from sidestep.gym.scene import scene_of
 from sidestep.gym.spaces import observation_space, with_mask
+from sidestep.gym.task import Task
 
 
 class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
@@ -128,6 +129,11 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if final is not None and self._over.any():
             infos |= self._finals(final, self._over)
         return self._told(report), report.reward, report.terminated, report.truncated, infos
+
+    @property
+    def task(self) -> Task:
+        """The walks as the functional core has them."""
+        return self._runner.task
 
     def action_masks(self) -> Bool[np.ndarray, "walker exit"]:
         """Which exits may be taken now."""
