@@ -4,8 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import sidestep
 from sidestep import SidestepError
@@ -76,13 +74,8 @@ def test_learners_and_judges_meet_different_futures(task: Task, small: Scenario)
     np.testing.assert_array_equal(task.params.network.length, test.params.network.length)
 
 
-@given(seed=st.integers(0, 2**70))
-def test_walkers_have_streams_of_their_own(seed: int) -> None:
-    np.testing.assert_array_equal(streams(seed, 3)[1:], streams(seed + 1, 2))
-
-
 def test_draws_are_uniform_and_independent() -> None:
-    rows = jnp.asarray(streams(0, 100))
+    rows = jnp.asarray(streams(range(100)))
     draws = np.asarray(jax.vmap(lambda row: jax.vmap(lambda walk: uniform(row, walk))(jnp.arange(100)))(rows))
     flat = draws.reshape(-1, 4)
     assert ((flat >= 0) & (flat < 1)).all()

@@ -52,6 +52,32 @@ def test_walks_that_are_over_wait_for_a_reset(small: Scenario) -> None:
     envs.step(np.zeros(2, int))
 
 
+def test_seeds_may_be_one_for_each_walker_and_for_some_of_them(small: Scenario) -> None:
+    envs = WalkVectorEnv(small, 3, futures=50, walks="anywhere")
+
+    def walks(options: dict | None = None, **seed: object) -> list[list[tuple[int, int]]]:
+        infos = [envs.reset(options=options, **seed)[1], envs.reset()[1]]
+        return [[(info["node"][walker], info["future"][walker]) for info in infos] for walker in range(3)]
+
+    envs.reset(options={"reset_mask": np.array([False, True, False])})  # the first time all begin
+    first, second, third = walks(seed=[4, 2**70, 4])
+    assert first == third != second
+    assert walks(seed=4)[0] == first
+    again = walks({"reset_mask": np.array([False, True, False])}, seed=[0, 4, 0])
+    assert again[1] == first
+    assert again[0] != first
+    for seed in ([1, 2], [1, 2, -1], [1, 2, 0.5], "123", 0.5, [1, 2, None]):
+        with pytest.raises(EnvError) as error:
+            envs.reset(seed=seed)
+        assert error.value.field == "seed"
+    with pytest.raises(gymnasium.error.Error):
+        envs.reset(seed=-1)
+    with pytest.raises(EnvError):
+        envs.reset(seed=1, options={"future": 50})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step([0, 0, 0])
+
+
 def test_walks_are_cut_off(small: Scenario) -> None:
     envs = WalkVectorEnv(small, 1, futures=3, max_episode_steps=3)
     envs.reset(seed=0)

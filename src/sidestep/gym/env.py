@@ -82,8 +82,8 @@ class WalkEnv(gymnasium.Env[Any, np.int64]):
         wishes = check_names(options, CHOICES)
         super().reset(seed=seed)
         if seed is not None or not self._runner.seeded:
-            known = self.np_random_seed or 0
-            self._runner.seed(known if known >= 0 else int(self.np_random.integers(2**63)))
+            known = self.np_random_seed
+            self._runner.seed([known if known is not None and known >= 0 else int(self.np_random.integers(2**63))])
         report = self._runner.reset([wishes])
         self._over = False
         return self._told(report)

@@ -1,6 +1,6 @@
 """What the environments have in common: a task, its walkers, and the way between NumPy and the compiled programs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -67,15 +67,31 @@ class Runner:
         self._leaves, structure = jax.tree.flatten(self.task)
         self._programs = programs(structure, mode, most_steps)
         self._walkers: Walkers | None = None
+        self.begun = False
+        """Whether all walkers are on a walk, or at the end of one."""
         self.mask = np.zeros((walkers, self.exits), np.int8)
         """Which exits may be taken now."""
 
-    def seed(self, seed: int) -> None:
-        """Give walkers their random streams anew, and their first walks."""
-        row, walks = jnp.asarray(streams(seed, self.count)), jnp.full(self.count, -1, jnp.int32)
-        state = self.task.begin(Instance(jnp.int32(0), jnp.int32(0), jnp.float32(0), jnp.int32(0)))
-        states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.count, *leaf.shape)), state)
-        self._walkers = Walkers(jax.tree.leaves(states), row, walks, jnp.ones(self.count, bool))
+    def seed(self, seeds: Iterable[int], now: Bool[np.ndarray, " walker"] | None = None) -> None:
+        """Give walkers random streams, and no walk before their first one.
+
+        Parameters
+        ----------
+        seeds
+            Of 0 or more, one for each walker.
+        now
+            Which walkers; by default all.
+        """
+        stream, before = streams(seeds), np.full(self.count, -1, np.int32)
+        if self._walkers is None:
+            state = self.task.begin(Instance(jnp.int32(0), jnp.int32(0), jnp.float32(0), jnp.int32(0)))
+            states = [jnp.broadcast_to(leaf, (self.count, *leaf.shape)) for leaf in jax.tree.leaves(state)]
+            self._walkers = Walkers(states, jnp.asarray(stream), jnp.asarray(before), jnp.ones(self.count, bool))
+        elif now is not None:
+            stream = np.where(now[:, None], stream, self._walkers.stream)
+            before = np.where(now, before, self._walkers.episode)
+        self._walkers = self._walkers._replace(stream=jnp.asarray(stream), episode=jnp.asarray(before))
+        self.begun = self.begun and now is not None
 
     @property
     def seeded(self) -> bool:
@@ -90,7 +106,7 @@ class Runner:
         wishes
             For each walker, some of :data:`sidestep.gym.choices.CHOICES`; or none at all.
         now
-            Which walkers begin; by default all.
+            Which walkers begin; by default, and the first time, all.
 
         Returns
         -------
@@ -105,13 +121,14 @@ class Runner:
         walkers = self._walkers
         if walkers is None:
             raise gymnasium.error.ResetNeeded("walkers have no random streams yet")
-        now = np.ones(self.count, bool) if now is None else now
+        now = np.ones(self.count, bool) if now is None or not self.begun else now
         episode = walkers.episode + now
         instances = self._programs.sample(self._leaves, walkers.stream, episode)
         if any(wishes):
             instances = self._as_asked(instances, wishes)
         walkers = walkers._replace(episode=episode)
         self._walkers, told = self._programs.begin(self._leaves, walkers, instances, now)
+        self.begun = True
         return self._kept(told)
 
     def step(self, actions: Int[np.ndarray, " walker"]) -> tuple[Report, Report | None]:
@@ -132,7 +149,7 @@ class Runner:
         gymnasium.error.ResetNeeded
             No walks have begun.
         """
-        if self._walkers is None:
+        if self._walkers is None or not self.begun:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         self._walkers, told, final = self._programs.step(self._leaves, self._walkers, actions)
         return self._kept(told), None if final is None else _report(final)

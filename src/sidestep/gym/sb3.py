@@ -46,7 +46,8 @@ class SB3VecEnv(VecEnv):  # type: ignore[misc] # without types where it is not i
     def reset(self) -> Any:
         names = {name for options in self._options for name in options}
         wishes = {name: [options.get(name) for options in self._options] for name in names}
-        observations, infos = self.envs.reset(seed=self._seeds[0], options=wishes or None)
+        seed = None if self._seeds[0] is None else self._seeds
+        observations, infos = self.envs.reset(seed=seed, options=wishes or None)
         self.reset_infos = _split(infos, range(self.num_envs))
         self._reset_seeds()
         self._reset_options()

@@ -1,5 +1,6 @@
 """Many walkers as one vector environment of Gymnasium's."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -67,13 +68,13 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Begin the next walks, or the first ones of a seed.
 
         Parameters
         ----------
         seed
-            Of the first walker; the others have the numbers after it.
+            Of the first walker; the others have the numbers after it. Or a list with one for each.
         options
             As for the single environment, values being for all walkers or arrays with one for each; and
             ``reset_mask``, an array that is True for walkers who begin anew while the others go on.
@@ -86,14 +87,22 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         Raises
         ------
         EnvError
-            Unknown options, and values that do not fit, with the option as their field.
+            Unknown options, and values that do not fit, with the option as their field; and lists of other seeds.
+        gymnasium.error.Error
+            Another seed.
         """
         wishes = dict(check_names(options, (*CHOICES, "reset_mask")))
         now = self._reset_mask(wishes.pop("reset_mask", None))
-        super().reset(seed=seed)
+        several = seed is not None and not isinstance(seed, int)
+        seeds = self._seeds(seed) if several else range(0)
+        super().reset(seed=seeds[0] if several else seed)
         if seed is not None or not self._runner.seeded:
-            known = self.np_random_seed or 0
-            self._runner.seed(known if known >= 0 else int(self.np_random.integers(2**63)))
+            known = self.np_random_seed
+            first = known if known is not None and known >= 0 else int(self.np_random.integers(2**63))
+            partly = None if now.all() else now
+            self._runner.seed(seeds if several else range(first, first + self.num_envs), partly)
+        if not self._runner.begun:
+            now[:] = True
         report = self._runner.reset(each_walker(wishes, self.num_envs), now)
         self._over &= ~now
         return self._told(report), _each(report.info(), now)
@@ -169,6 +178,13 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             "final_info": _each(told, over),
             "_final_info": over.copy(),
         }
+
+    def _seeds(self, given: Any) -> list[int]:
+        seeds = list(given) if isinstance(given, Sequence | np.ndarray) else []
+        if len(seeds) != self.num_envs or not all(isinstance(one, int | np.integer) and one >= 0 for one in seeds):
+            many = f"or {self.num_envs} of them, one for each walker"
+            raise EnvError(f"seed must be a whole number of 0 or more, {many}, not {brief(given)}", field="seed")
+        return [int(one) for one in seeds]
 
     def _reset_mask(self, given: Any) -> Bool[np.ndarray, " walker"]:
         if given is None:

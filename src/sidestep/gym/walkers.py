@@ -1,6 +1,6 @@
 """Many walkers in one compiled call: how walks begin, and steps after whose end others begin."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -53,22 +53,9 @@ class Programs(NamedTuple):
     """Actions to what they bring and, where walks begin in the same step, what was told of those that ended."""
 
 
-def streams(seed: int, walkers: int) -> UInt32[np.ndarray, "walker 2"]:
-    """Random streams of walkers: walker i has that of seed + i.
-
-    Parameters
-    ----------
-    seed
-        Of 0 or more.
-    walkers
-        How many.
-
-    Returns
-    -------
-    UInt32[np.ndarray, "walker 2"]
-        Two random words each.
-    """
-    return np.stack([np.random.SeedSequence(seed + walker).generate_state(2) for walker in range(walkers)])
+def streams(seeds: Iterable[int]) -> UInt32[np.ndarray, "walker 2"]:
+    """Random streams of walkers, two random words each, from a seed of 0 or more for each of them."""
+    return np.stack([np.random.SeedSequence(seed).generate_state(2) for seed in seeds])
 
 
 def uniform(stream: UInt32[Array, "2"], walk: Int[Array, ""]) -> Float[Array, " draw"]:
