@@ -6,6 +6,8 @@ Usage: python benchmarks/rounds.py [--case NAME] [--rounds N] [--json]; JAX_PLAT
 import argparse
 import json
 import statistics
+from contextlib import suppress
+from itertools import pairwise
 from time import perf_counter, process_time
 
 import jax
@@ -30,19 +32,15 @@ def timed(case, rounds):
     config = preset(chosen, level, nodes=problem.place.nodes)
     ends = []
 
-    def on_round(run):
+    def on_round(_run):
         ends.append((perf_counter(), process_time()))
         if len(ends) > rounds:
             raise StopIteration
 
     began = perf_counter(), process_time()
-    try:
+    with suppress(StopIteration):
         train(problem, config, on_round=on_round)
-    except StopIteration:
-        pass
-    took, cpu = (
-        [later[clock] - earlier[clock] for earlier, later in zip(ends, ends[1:], strict=False)] for clock in (0, 1)
-    )
+    took, cpu = ([later[clock] - earlier[clock] for earlier, later in pairwise(ends)] for clock in (0, 1))
     return {
         "case": case,
         "first_round_s": ends[0][0] - began[0],

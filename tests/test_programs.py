@@ -214,3 +214,12 @@ def test_what_is_not_the_same_once_it_is_read_is_not_kept(folder):
     made_of.__module__ = scaled.__module__
     assert program()(made_of)(jnp.ones(2)).structure == structure
     assert not list(folder.iterdir())
+
+
+@pytest.mark.usefixtures("folder")
+def test_options_that_the_compiler_does_not_know_are_left_out(monkeypatch):
+    monkeypatch.setattr(programs, "QUICK", {"xla_no_such_option": True, "xla_backend_optimization_level": 1})
+    check(program("by", quick=lambda **_: True)(scaled)(2.0, pair(), jnp.ones(3)))
+    monkeypatch.setattr(programs, "QUICK", {"xla_no_such_option": True})
+    check(program("by", quick=lambda **_: True)(scaled)(2.0, pair(), jnp.ones(3)))
+    assert count("compiled") == 2

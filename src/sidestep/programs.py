@@ -253,11 +253,20 @@ class _Variant:
         if self._traced is None:
             self._trace()
         counts["compiled", self._name] += 1
-        compiled = self._traced.lower().compile(compiler_options=self._options)
+        compiled = _compiled(self._traced.lower(), self._options)
         self._traced = None
         if self._file is not None:
             _write(self._file, compiled, self._made)
         return compiled
+
+
+def _compiled(lowered: Any, options: dict[str, Any]) -> Callable[..., list[Any]]:
+    """Compile, without those options that this version of XLA does not know."""
+    for known in (options, *({name: value} for name, value in options.items())):
+        with suppress(jax.errors.JaxRuntimeError):
+            compiled: Callable[..., list[Any]] = lowered.compile(compiler_options=known)
+            return compiled
+    return lowered.compile()
 
 
 def _type_of(leaf: Any) -> tuple[tuple[int, ...], Any]:
