@@ -14,7 +14,7 @@ from sidestep.agent.checkpoint import Checkpoint, CheckpointError, Metadata
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS, preset
 from sidestep.agent.q_networks import QNetwork
-from sidestep.agent.train import TrainState, prepare
+from sidestep.agent.train import TrainState, prepare, uniform_draws
 from sidestep.environment.types import Observation
 from sidestep.scenarios.builtin import BUILT_IN, scenario
 from sidestep.scenarios.maps import draw_training_map
@@ -34,11 +34,11 @@ UNSEEN = scenario("unseen-maps", side=3, larger=(4,), crowded_nodes=1, training_
 def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: int = 2) -> Checkpoint:
     """A training whose state has random numbers everywhere."""
     drawn = draw_training_map(problem, seed, index)
-    _, _, state = prepare(config, problem, drawn)
+    _, _, state = prepare(config, problem, drawn, uniform_draws(config, [], 0, start=True))
     rng = np.random.default_rng(0)
 
     def shaken(leaf: jax.Array) -> jax.Array:
-        if jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key) or leaf.dtype == bool:
+        if leaf.dtype == bool:
             return leaf
         return jax.device_put((np.asarray(leaf) + rng.integers(1, 9, leaf.shape) / 8).astype(leaf.dtype))
 
@@ -51,10 +51,7 @@ def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: 
 
 
 def plain(state: TrainState | QNetwork) -> list[np.ndarray]:
-    return [
-        np.asarray(jax.random.key_data(leaf) if jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf)
-        for leaf in jax.tree.leaves(state)
-    ]
+    return [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
 
 
 @eqx.filter_jit

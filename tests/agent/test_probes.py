@@ -15,7 +15,7 @@ import pytest
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.problem import Problem
-from sidestep.agent.train import RoundReport, start, train_round
+from sidestep.agent.train import RoundReport, start, train_round, uniform_draws
 from sidestep.crowds.arima import ArimaFlow, load_fitted
 from sidestep.environment.types import EnvParams, Instance, Observation, futures_in_turn
 from sidestep.network.graph import road_network
@@ -76,9 +76,9 @@ def learn(config: TrainConfig, params: EnvParams, destination: int, nodes: int) 
     scenario_map = ScenarioMap(params.network, flow, flow, jax.random.key(0), (NODES,))
     problem = Problem(params, anywhere, tests)
     begin = jax.jit(partial(start, config, scenario("paper-unblocked")))  # one array for each number, to be used up
-    state = begin(problem, scenario_map)
-    for _ in range(config.rounds):
-        state, report = train_round(config, problem, state)
+    state = begin(problem, scenario_map, uniform_draws(config, [0], 0, start=True))
+    for number in range(config.rounds):
+        state, report = train_round(config, problem, state, uniform_draws(config, [0], number))
     seen = jax.vmap(Observation)(
         jnp.arange(NODES), params.network.position, params.network.valid, jnp.zeros(NODES, int)
     )

@@ -10,12 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sidestep.agent.acting import ACTING_DRAWS
 from sidestep.agent.checkpoint import Checkpoint, Metadata
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import preset
 from sidestep.agent.q_networks import DuelingQNetwork
 from sidestep.agent.td import mask
-from sidestep.agent.train import RoundReport, TrainState, training_rounds
+from sidestep.agent.train import RoundReport, TrainState, training_rounds, uniform_draws
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import destinations_of
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
@@ -46,15 +47,13 @@ def scenario_map(problem: Scenario) -> ScenarioMap:
 
 
 def on_host(tree: TrainState) -> TrainState:
-    """A copy in host memory, where random keys are plain numbers."""
-    plain = eqx.tree_at(lambda s: s.key, tree, jax.random.key_data(tree.key))
-    return jax.tree.map(np.asarray, plain)
+    """A copy in host memory."""
+    return jax.tree.map(np.asarray, tree)
 
 
 def on_device(tree: TrainState) -> TrainState:
     """The way back."""
-    arrays = jax.tree.map(jnp.asarray, tree)
-    return eqx.tree_at(lambda s: s.key, arrays, jax.random.wrap_key_data(arrays.key))
+    return jax.tree.map(jnp.asarray, tree)
 
 
 def follow_training(run: Iterator[tuple[TrainState, RoundReport]]) -> list[tuple[TrainState, RoundReport]]:
@@ -93,8 +92,12 @@ def test_counts_rounds_and_iterations(history: list[tuple[TrainState, RoundRepor
     assert all(np.isfinite(report.loss) and report.loss > 0 for _, report in history)
 
 
-def test_every_round_draws_its_own_numbers(states: list[TrainState]) -> None:
-    assert len({state.key.tobytes() for state in states}) == 20
+def test_every_round_draws_its_own_numbers() -> None:
+    draws = [uniform_draws(SMALL, [1, 2], number) for number in range(20)]
+    draws += [uniform_draws(SMALL, [1, 3], 0), uniform_draws(SMALL, [1, 2], 0, start=True)]
+    assert len({each[:, 0].tobytes() for each in draws}) == 22
+    assert draws[0].shape == (SMALL.iterations, SMALL.walkers * ACTING_DRAWS + SMALL.batch)
+    np.testing.assert_array_equal(draws[3], uniform_draws(SMALL, [1, 2], 3))
 
 
 def test_the_target_is_copied_every_k_iterations(states: list[TrainState]) -> None:

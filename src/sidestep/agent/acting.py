@@ -6,6 +6,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.agent.config import TrainConfig
@@ -46,7 +47,7 @@ class Walkers(eqx.Module):
 
 
 def place_walkers(
-    config: TrainConfig, problem: Problem, draws: Float[Array, "walker draw"]
+    config: TrainConfig, problem: Problem, draws: Float[Array | np.ndarray, "walker draw"]
 ) -> tuple[Walkers, Transition]:
     """Put walkers at their origins.
 

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.policy import Policy, deployed
 from sidestep.agent.q_networks import QNetwork, untrained
-from sidestep.agent.train import TrainState, prepare
+from sidestep.agent.train import TrainState, prepare, uniform_draws
 from sidestep.arguments import PATH, checked
 from sidestep.errors import SidestepError
 from sidestep.files import reason, whole_file
@@ -117,7 +117,7 @@ def save(checkpoint: Checkpoint, folder: Path) -> None:
     Each is one line of JSON, the :class:`Metadata`, then the numbers, and is written whole or not at all.
     """
     header = checkpoint.metadata.model_dump_json().encode() + b"\n"
-    for name, tree in ((CHECKPOINT, _plain(checkpoint.state)), (MODEL, checkpoint.model.q_network)):
+    for name, tree in ((CHECKPOINT, checkpoint.state), (MODEL, checkpoint.model.q_network)):
         with whole_file(folder / name) as temporary, temporary.open("wb") as file:
             file.write(header)
             eqx.tree_serialise_leaves(file, tree)
@@ -151,10 +151,11 @@ def load(folder: Path) -> Checkpoint:
                 "saved; it cannot go on",
                 field="fingerprint",
             )
-        return jax.eval_shape(_plain, prepare.shapes(metadata.config, metadata.scenario, drawn)[-1])
+        draws = uniform_draws(metadata.config, [], 0, start=True)
+        return prepare.shapes(metadata.config, metadata.scenario, drawn, draws)[-1]
 
     metadata, state = _read(folder, CHECKPOINT, template)
-    return Checkpoint(metadata, eqx.tree_at(lambda s: s.key, state, jax.random.wrap_key_data(state.key)))
+    return Checkpoint(metadata, state)
 
 
 @checked(CheckpointError, folder=PATH)
@@ -247,8 +248,3 @@ def _check_format(path: Path, header: bytes, known: tuple[int, ...]) -> None:
             f"{path} has model format {version}, and this version reads format {FORMAT}; train the model again",
             field="format",
         )
-
-
-def _plain(state: TrainState) -> TrainState:
-    """The state with its random key as plain numbers, which is all that files can hold."""
-    return eqx.tree_at(lambda s: s.key, state, jax.random.key_data(state.key))

@@ -9,7 +9,8 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Key
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.agent.acting import ACTING_DRAWS, Transition, Walkers, act, place_walkers
 from sidestep.agent.config import TrainConfig
@@ -33,7 +34,6 @@ class TrainState(eqx.Module):
     walkers: Walkers
     iteration: Int[Array, ""]
     """Iterations done: gradient steps, and steps of each walker."""
-    key: Key[Array, ""]
     best: QNetwork
     """The network of the best test walks so far or, where the mean is kept, the mean."""
     best_minutes: Float[Array, ""]
@@ -73,9 +73,12 @@ def training_rounds(
     """
     with ThreadPoolExecutor(1) as executor:
         # A round takes seconds to compile the first time; futures are drawn meanwhile.
-        shape_of_problem, _, shape_of_state = prepare.shapes(config, scenario, scenario_map)
-        compiling = executor.submit(train_round.prepare, config, shape_of_problem, shape_of_state)
-        problem, from_anywhere, fresh = prepare(config, scenario, scenario_map)
+        randomness = np.asarray(jax.random.key_data(purpose_key(scenario_map, "explore"))).tolist()
+        draws = partial(uniform_draws, config, randomness)
+        first = scenario_map, draws(0, start=True)
+        shape_of_problem, _, shape_of_state = prepare.shapes(config, scenario, *first)
+        compiling = executor.submit(train_round.prepare, config, shape_of_problem, shape_of_state, draws(0))
+        problem, from_anywhere, fresh = prepare(config, scenario, *first)
         compiling.result()
         state = fresh if state is None else state
         before = int(state.iteration) // config.iterations
@@ -83,7 +86,7 @@ def training_rounds(
         for done, params in zip(range(before, config.rounds), environments, strict=False):
             everywhere = config.destinations > 1 or done < config.random_origins * config.rounds
             sampler = from_anywhere if everywhere else problem.sampler
-            state, report = train_round(config, Problem(params, sampler, problem.tests), state)
+            state, report = train_round(config, Problem(params, sampler, problem.tests), state, draws(done))
             yield state, report
 
 
@@ -95,25 +98,55 @@ def _brief(config: TrainConfig, **_: object) -> bool:
 
 @program("config", "scenario", quick=_brief, files=lambda scenario, **_: scenario.place.files)
 def prepare(
-    config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap
+    config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap, draws: Float[Array | np.ndarray, "walker draw"]
 ) -> tuple[Problem, InstanceSampler, TrainState]:
     """Pose the problem of one map, with walks from anywhere and an untrained state."""
     problem, from_anywhere = pose(config, scenario, scenario_map)
-    return problem, from_anywhere, start(config, scenario, problem, scenario_map)
+    return problem, from_anywhere, start(config, scenario, problem, scenario_map, draws)
 
 
-def start(config: TrainConfig, scenario: Scenario, problem: Problem, scenario_map: ScenarioMap) -> TrainState:
-    """Untrained network, empty replay, walkers at their origins."""
-    key, network_key, walker_key = jax.random.split(purpose_key(scenario_map, "explore"), 3)
-    q_network = untrained(config, scenario, problem.params.network, network_key)
-    draws = jax.random.uniform(walker_key, (config.walkers, DRAWS))
+def start(
+    config: TrainConfig,
+    scenario: Scenario,
+    problem: Problem,
+    scenario_map: ScenarioMap,
+    draws: Float[Array | np.ndarray, "walker draw"],
+) -> TrainState:
+    """Untrained network, empty replay, walkers at origins that are drawn by uniform numbers."""
+    q_network = untrained(config, scenario, problem.params.network, purpose_key(scenario_map, "explore"))
     walkers, transition = place_walkers(config, problem, draws)
     learner, replay = start_learner(config, q_network), empty_replay(transition, config.capacity)
-    return TrainState(learner, replay, walkers, jnp.int32(0), key, best=q_network, best_minutes=jnp.float32(jnp.inf))
+    return TrainState(learner, replay, walkers, jnp.int32(0), best=q_network, best_minutes=jnp.float32(jnp.inf))
+
+
+def uniform_draws(
+    config: TrainConfig, randomness: list[int], number: int, *, start: bool = False
+) -> Float[np.ndarray, "row draw"]:
+    """Draw all random numbers of a round: on a CPU NumPy takes a fraction of JAX's time, and nothing is compiled.
+
+    Parameters
+    ----------
+    config
+        How many.
+    randomness, number
+        Of the training, and of the round.
+    start
+        Those that the training begins with instead: a row for each walker.
+
+    Returns
+    -------
+    Float[np.ndarray, "row draw"]
+        In [0, 1); a row for each iteration.
+    """
+    rng = np.random.default_rng([*randomness, number, start])
+    shape = (config.walkers, DRAWS) if start else (config.iterations, config.walkers * ACTING_DRAWS + config.batch)
+    return rng.random(shape, np.float32)
 
 
 @program("config", donate=("state",), quick=_brief)
-def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tuple[TrainState, RoundReport]:
+def train_round(
+    config: TrainConfig, problem: Problem, state: TrainState, draws: Float[Array | np.ndarray, "iteration draw"]
+) -> tuple[TrainState, RoundReport]:
     """Train for one round: ``round_steps`` steps, a gradient step for each ``walkers`` of them, then the test walks.
 
     Parameters
@@ -124,6 +157,8 @@ def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tup
         What walkers learn from and are tested on in this round.
     state
         Used up.
+    draws
+        The round's :func:`uniform_draws`.
 
     Returns
     -------
@@ -136,12 +171,11 @@ def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tup
     ----------
     Algorithm 1 of the paper, with its branches in order: terminal transitions do not bootstrap.
     """
-    key, now = jax.random.split(state.key)
-    draws = jax.random.uniform(now, (config.iterations, config.walkers * ACTING_DRAWS + config.batch))
-    state, losses = jax.lax.scan(partial(_iterate, config, problem), replace(state, key=key), draws)
+    state, losses = jax.lax.scan(partial(_iterate, config, problem), state, draws)
     q_network = _mean(config, state) if config.keep == "mean" else state.learner.q_network
     policy = deployed(config, problem.evaluated(config, q_network), problem.params.reward.unit_seconds)
-    tested = jax.vmap(lambda test: walk(problem.params, policy, test, key))(problem.tests)
+    unused = jax.random.key(0)  # nothing is random in what has been learned
+    tested = jax.vmap(lambda test: walk(problem.params, policy, test, unused))(problem.tests)
     minutes = tested.cost / 60
     mean = jnp.mean(minutes)
     best_minutes = jnp.minimum(mean, state.best_minutes)
@@ -169,4 +203,4 @@ def _iterate(
     walkers, transitions = act(config, problem, policy, state.walkers, state.iteration, for_walkers)
     replay = add(state.replay, transitions, config.walkers)
     learner, replay, loss = learn(config, state.learner, replay, state.iteration, for_batch, evaluated)
-    return TrainState(learner, replay, walkers, state.iteration + 1, state.key, state.best, state.best_minutes), loss
+    return TrainState(learner, replay, walkers, state.iteration + 1, state.best, state.best_minutes), loss
