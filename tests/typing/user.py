@@ -6,6 +6,7 @@ from typing import assert_type
 import jax
 
 import sidestep
+import sidestep.gym
 
 problem = sidestep.scenario("paper-congested")
 assert_type(problem, sidestep.Scenario)
@@ -41,6 +42,10 @@ try:
     plan = sidestep.plan_route("helsinki", sidestep.RouteRequest(origin=1, destination=2))
 except sidestep.SidestepError as error:
     assert_type(error.field, str | None)
+
+task = sidestep.gym.make_task("rush-16", level="local")
+state, outcome = task.step(task.start(jax.random.key(0)), jax.numpy.int32(0))
+assert_type(task, sidestep.gym.Task)
 
 town = sidestep.load_town(Path("town.npz"))
 town = sidestep.load_helsinki()
