@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import gymnasium
 import jax
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import sidestep
 from sidestep import SidestepError, plotting
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import Instance
@@ -94,6 +96,18 @@ def test_wishes_that_cannot_be_met_are_named(env: WalkEnv, options: dict, field:
     with pytest.raises(EnvError) as error:
         env.reset(options=options)
     assert error.value.field == field
+
+
+def test_test_walks_are_those_of_comparisons(small: Scenario) -> None:
+    here = sidestep.draw_map(small, seed=0)
+    params = sidestep.make_environment(small, here, "test", futures=3)
+    todo, planner = sidestep.instances(small, here, params, walks=3), sidestep.find_planner("shortest-path")
+    env, exits = WalkEnv(small, futures=3, purpose="test"), np.asarray(here.network.exit_node)
+    for future, route in enumerate(sidestep.routes(planner, params, todo, jax.random.key(0), trace=10)):
+        env.reset(options={"future": future})
+        for node, after in pairwise(route.nodes):
+            *_, info = env.step(exits[node].tolist().index(after))
+        assert info["seconds"] == pytest.approx(route.seconds, rel=1e-6)
 
 
 def test_nobody_begins_where_no_path_leads_on(task: Task) -> None:
