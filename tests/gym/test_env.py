@@ -80,6 +80,8 @@ def test_resets_take_wishes(small: Scenario) -> None:
         assert info["node"] != second
         info = env.reset(options={"destination": first, "origin": second})[1]
         assert (info["node"], info["destination"], info["future"] % 2) == (second, first, 0)
+        assert env.reset(options={"origin": second})[1]["destination"] == first
+        assert env.reset(options={"origin": 0})[1]["node"] == 0
 
 
 @pytest.mark.parametrize(

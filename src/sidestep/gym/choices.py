@@ -80,6 +80,9 @@ class Walks:
                     f"future {future} is for walks to node {there}, not {end}; leave out one", field="future"
                 )
             row = asked
+        if origin is not None and end is None and future is None:  # nobody goes to where they are
+            elsewhere = np.flatnonzero(self.destinations[:, self.part[origin]] != origin)
+            row = row if row in elsewhere or not len(elsewhere) else int(elsewhere[drawn.future % len(elsewhere)])
         if future is None:
             future = drawn.future
             if self.row_of_future[future] != row:
