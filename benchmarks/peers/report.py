@@ -52,7 +52,7 @@ def row(peer: str, runs: Runs) -> str:
         return f"| {peer} |{' – |' * 9}"
     by_cache = {cache: [run for run in mine if run["cache"] in (cache, "none")] for cache in ("cold", "warm")}
     ratios = [times(ratio(each, ours(runs, cache))) for cache, each in by_cache.items()]
-    there = [f"{sum(seconds(run) < math.inf for run in each)} of {len(each)}" for each in by_cache.values()]
+    there = [reached(each) for each in by_cache.values()]
     took = [shown(median(map(seconds, each))) if each else "–" for each in by_cache.values()]
     over = [run["final_over_per_cent"] for run in mine]
     rates = [
@@ -67,6 +67,11 @@ def row(peer: str, runs: Runs) -> str:
         *rates,
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def reached(runs: Runs) -> str:
+    """How many got there."""
+    return f"{sum(seconds(run) < math.inf for run in runs)} of {len(runs)}" if runs else "–"
 
 
 def share(per_cent: float) -> str:
