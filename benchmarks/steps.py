@@ -19,7 +19,7 @@ LEVELS = {
 """Scenarios, and what walkers observe there."""
 FUTURES = 64
 WALKS = 4_096
-"""Drawn beforehand; walkers begin one after the other."""
+"""Drawn beforehand, one for each walker at least; walkers begin one after the other."""
 STEPS = 200
 """Of each walker in a turn."""
 
@@ -32,7 +32,7 @@ def on_cores(number):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false"
 
 
-def environment(name):
+def environment(name, walkers):
     """A scenario's environment at the highest of its levels, and walks from anywhere to its own destination."""
     import jax
 
@@ -45,7 +45,7 @@ def environment(name):
     scenario_map = draw_map(problem, 0)
     params = make_environment(problem, scenario_map, "learn", FUTURES, level=LEVELS[name][-1])
     walks = sampler(problem, scenario_map, params, FUTURES, anywhere=True)
-    return params, jax.vmap(walks.sample)(jax.random.uniform(jax.random.key(0), (WALKS, DRAWS)))
+    return params, jax.vmap(walks.sample)(jax.random.uniform(jax.random.key(0), (max(WALKS, walkers), DRAWS)))
 
 
 def stepping(params, walks, walkers):
@@ -70,7 +70,7 @@ def stepping(params, walks, walkers):
         def all_step(carry, number):
             *walking, rewards, ends = carry
             draws = jax.random.uniform(jax.random.fold_in(key, number), (walkers,))
-            following = jax.tree.map(lambda leaf: leaf[(number + jnp.arange(walkers)) % WALKS], walks)
+            following = jax.tree.map(lambda leaf: leaf[(number + jnp.arange(walkers)) % len(leaf)], walks)
             *walking, reward, over = jax.vmap(partial(one, params))(*walking, following, draws)
             return (*walking, rewards + reward, ends + over), None
 
@@ -91,7 +91,7 @@ def measured(names, walkers, turns):
 
     programs, found = {}, {}
     for name in names:
-        params, walks = environment(name)
+        params, walks = environment(name, walkers)
         for level in LEVELS[name]:
             *programs[name, level], compiling = stepping(replace(params, level=level), walks, walkers)
             found[name, level] = {"compile_s": compiling, "wall_s": [], "cpu_s": []}
