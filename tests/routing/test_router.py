@@ -48,6 +48,25 @@ def test_the_second_route_compiles_nothing(tiny, ends, compiled, planner: str) -
     assert compiled == []
 
 
+def test_the_first_route_compiles_few_programs(tiny, ends, compiled) -> None:
+    router = Router(tiny)
+    compiled.clear()
+    router.plan(*ends[0], depart=NOON, futures=30)
+    # One for each thing that is worked out, and none for single steps of it: those of streets, expected times, futures,
+    # the plan, four walks by three planners, counts, and legs.
+    assert 0 < len(compiled) <= 20
+
+
+@pytest.mark.parametrize("planner", ["snapshot", "forecast"])
+def test_long_walks_compile_nothing_after_short_ones(compiled, planner: str) -> None:
+    router = Router(scenario("rush-16", side=4, crowded_nodes=1))
+    router.plan(0, 1, depart=0, futures=3, planner=planner)
+    compiled.clear()
+    far = router.plan(0, 15, depart=45, futures=3, planner=planner)
+    assert far.expected_minutes > 20  # four slots
+    assert compiled == []
+
+
 def test_the_second_question_compiles_nothing(tiny, place, compiled) -> None:
     router = Router(tiny)
 

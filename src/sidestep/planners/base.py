@@ -164,13 +164,24 @@ class Planned:
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
 
-@partial(jax.jit, static_argnames=("decide", "trace"))
+@partial(jax.jit, static_argnames=("decide", "trace", "alike"))
 def _walk_all(
-    decide: DecideByPlan, params: EnvParams, plan: Plan, instances: Instance, keys: Key[Array, " walk"], trace: int
+    decide: DecideByPlan,
+    params: EnvParams,
+    plan: Plan,
+    instances: Instance,
+    key: Key[Array, ""],
+    trace: int,
+    *,
+    alike: bool,
 ) -> Walk:
     def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
         return walk(params, partial(decide, plan.shared, own), instance, key, trace)
 
+    keys = jax.random.split(key, instances.origin.shape[0])
+    if alike:  # one table for all walks, not a copy for each
+        own = jax.tree.map(lambda leaf: leaf[0], plan.own)
+        return jax.vmap(one, in_axes=(None, 0, 0))(own, instances, keys)
     return jax.vmap(one)(plan.own, instances, keys)
 
 
@@ -186,7 +197,7 @@ def walk_plan(
     params
         The environment, of the level that the planner observes or a higher one.
     plan, instances
-        The plan, and the walks that it is for.
+        The plan, and the walks that it is for: as many as it is of or, where it is of one walk, any number.
     key
         Source of all random numbers. The same key gives every planner the same ones.
     trace
@@ -202,10 +213,11 @@ def walk_plan(
     KnowledgeError
         Walks about which the environment's level knows nothing.
     """
-    keys = jax.random.split(key, instances.origin.shape[0])
     params = replace(params, level=planner.observes)
     check_known(params, instances)
-    return _walk_all(planner.decide, params, plan, instances, keys, trace)
+    walks = instances.origin.shape[0]
+    alike = any(leaf.shape[0] < walks for leaf in jax.tree.leaves(plan.own))
+    return _walk_all(planner.decide, params, plan, instances, key, trace, alike=alike)
 
 
 @checked(
@@ -255,7 +267,20 @@ def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Ar
     >>> route.nodes[0], route.nodes[-1], route.arrived
     (0, 8, True)
     """
-    walked = walk_plan(planner, params, planner.plan(params, instances), instances, key, trace)
+    return routes_along(planner, params, planner.plan(params, instances), instances, key, trace)
+
+
+def routes_along(
+    planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], trace: int
+) -> list[Route]:
+    """:func:`routes` of walks by a plan that was made before.
+
+    Returns
+    -------
+    list of Route
+        One for each instance.
+    """
+    walked = walk_plan(planner, params, plan, instances, key, trace)
     begins, head, walked = jax.device_get((instances, params.network.head, walked))
     found = []
     for walk_number, steps in enumerate(walked.steps.tolist()):

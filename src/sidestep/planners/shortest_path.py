@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -33,12 +34,16 @@ class ShortestPath(Planned):
         departures = np.stack([hour, np.asarray(instances.departure)], axis=1) * params.waits.gates
 
         def best_exits(destination: int, departure: Float[np.ndarray, "2"]) -> np.ndarray:
-            length = np.asarray(metres_at(params, *jnp.asarray(departure)))
+            length = np.asarray(_metres_at(params, *departure))
             ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
-            valid = np.asarray(network.exits_to(jnp.int32(destination)))
+            valid = np.asarray(_exits_to(network, np.int32(destination)))
             return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]
 
         return Plan(None, table_per_walk(best_exits, np.asarray(instances.destination), departures))
+
+
+_exits_to = jax.jit(RoadNetwork.exits_to)
+"""One program, where the rule alone would be many."""
 
 
 def metres_at(params: EnvParams, hour: Float[Array, ""], clock: Float[Array, ""]) -> Float[Array, " segment"]:
@@ -61,6 +66,9 @@ def metres_at(params: EnvParams, hour: Float[Array, ""], clock: Float[Array, ""]
     return params.network.length + params.free_speed * shut
 
 
+_metres_at = jax.jit(metres_at)
+
+
 def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> Float[np.ndarray, " node"]:
     """Find the least total weight from every node to one.
 
@@ -78,14 +86,12 @@ def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> 
     Float[np.ndarray, " node"]
         Infinite where no path leads to the destination that a walk may take.
     """
-    # Backwards, row by row: as a list of (head, tail, weight) SciPy would add up parallel segments.
-    tail, head = np.asarray(network.tail), np.asarray(network.head)
-    taken = np.asarray(network.exits_to(jnp.int32(destination)))
-    walked = np.sort(np.asarray(network.exit_segment)[taken])
-    order = walked[np.argsort(head[walked], kind="stable")]
-    first = np.searchsorted(head[order], np.arange(network.nodes + 1))
-    graph = csr_array((weight[order].astype(np.float64), tail[order], first), shape=(network.nodes, network.nodes))
-    return dijkstra(graph, indices=destination)
+    # Row by row, and then backwards: as a list of (head, tail, weight) SciPy would add up parallel segments.
+    taken = np.asarray(_exits_to(network, np.int32(destination)))
+    walked, first = np.asarray(network.exit_segment)[taken], np.append(0, taken.sum(axis=1).cumsum())
+    weights, heads = weight[walked].astype(np.float64), np.asarray(network.head)[walked]
+    graph = csr_array((weights, heads, first), shape=(network.nodes, network.nodes))
+    return dijkstra(graph.T, indices=destination)
 
 
 def table_per_walk(

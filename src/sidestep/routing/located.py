@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Self
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -226,7 +227,7 @@ class LocatedInTown(Located):
     def pace(self) -> Float[Array, "segment step"] | None:
         """The same; pieces of streets are as slow as the whole ones."""
         whole = super().pace
-        return None if whole is None else whole[np.asarray(self.streets.parent)]
+        return None if whole is None else _taken(whole, np.asarray(self.streets.parent, np.int32))
 
     @property
     def nodes(self) -> int:
@@ -278,6 +279,12 @@ class LocatedInTown(Located):
                 replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
             )
         return named, directions(named), self.street_map(density)
+
+
+@jax.jit
+def _taken(paces: Float[Array, "segment step"], segments: Int[Array, " piece"]) -> Float[Array, "piece step"]:
+    """Paces of some segments."""
+    return paces[segments]
 
 
 @lru_cache(maxsize=4)

@@ -13,9 +13,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
-from sidestep.environment.types import EnvParams, Instance
+from sidestep.environment.types import EnvParams, Futures, Instance
 from sidestep.evaluation.metrics import spread
-from sidestep.planners.base import Plan, Planner, Route, routes, walk_plan
+from sidestep.planners.base import Plan, Planner, Route, routes_along, walk_plan
 from sidestep.planners.reactive import Snapshot
 from sidestep.routing.alternatives import alternatives
 from sidestep.routing.directions import Leg, crowding_word, mean_density, opening_word
@@ -24,10 +24,12 @@ from sidestep.routing.plan import BaselineTimes, RoutePlan, WalkTimes
 from sidestep.routing.request import RouteRequest
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
+from sidestep.walking.expected_times import Speeds
 
 T = TypeVar("T", Route, Walk)
-FIRST_SLOTS = 4
-"""Slots whose counts are shown to planners that see all counts; doubled until everybody has arrived within them."""
+LONGER = 1.5
+"""Seconds for each of the walk by expected times, in which others may take: counts of slots within them are shown to
+planners that see all counts, and of twice as many where somebody takes longer."""
 _LEGS_AT_ONCE = 64  # a route's legs are filled up to a multiple, so that routes of many lengths share programs
 
 
@@ -131,34 +133,36 @@ class Walker:
     def __init__(self, located: Located, planner: Planner, futures: int | None = None) -> None:
         scenario, here = located.scenario, located.scenario_map
         self.located, self.planner, self.key = located, planner, purpose_key(here, "test")
-        observed = {each.observes for each in (planner, *located.baselines)}
+        looking = [each for each in (planner, *located.baselines) if each.observes in ("map", "live")]
         self.params = make_environment(
             scenario,
             here,
             "test",
             futures or located.futures_of(planner, located.futures),
-            level="map" if observed & {"map", "live"} else "position",
+            level="map" if looking else "position",
             destinations=np.array([[located.ends[1].node]]),
             hours=located.hours,
             pace=located.pace,
+            costs=any(map(_looks_ahead, looking)),
             densities=True,
         ).begun_at(located.ends[0].node)
         self.alone = as_expected(self.params)
-        self.density = np.asarray(self.params.expected.of(jnp.int32(0)).known_density)
+        self.density = np.asarray(_densities(self.params.expected))
+        self._plans: list[tuple[Planner, Plan]] = []
 
     def departing(self, clock: float) -> "Walker":
         """The same with another departure, in seconds since the scenario's start."""
         other = copy(self)
-        other.located = self.located.departing(clock)
+        other.located, other._plans = self.located.departing(clock), []  # noqa: SLF001 - of this class
         return other
 
     def expected_route(self, planner: Planner) -> Route:
         """All of the walk by expected times, however long it is."""
 
         def whole(params: EnvParams) -> Route:
-            trace = params.network.nodes
+            plan, todo, trace = self._plan(planner, params), self.instances(1), params.network.nodes
             while True:
-                (route,) = routes(planner, params, self.instances(1), self.key, trace)
+                (route,) = routes_along(planner, params, plan, todo, self.key, trace)
                 if len(route.segments) < trace:
                     return route
                 trace *= 8  # it may go on
@@ -170,10 +174,13 @@ class Walker:
         todo = self.instances(futures)
 
         def through(params: EnvParams) -> Walk:
-            return walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
+            hindsight = planner.level == "hindsight"
+            plan = planner.plan(params, todo) if hindsight else self._plan(planner, params)
+            return walk_plan(planner, params, plan, todo, self.key)
 
-        params = replace(self.params, futures=self.params.futures.first(futures))
-        walked = self._informed(planner, params, 1.2 * seconds, through)
+        drawn = self.params.futures
+        params = self.params if futures == drawn.count else replace(self.params, futures=_some(drawn, futures))
+        walked = self._informed(planner, params, seconds, through)
         minutes, exposure = np.asarray(walked.seconds, np.float64) / 60, walked.measures.get("exposure")
         met = None if exposure is None else np.asarray(exposure, np.float64)
         return Walks(planner, minutes, np.asarray(walked.arrived), met)
@@ -227,39 +234,41 @@ class Walker:
         Route or Walk
             What ``walk`` returns.
         """
-        scenario, departure = self.located.scenario, self.located.clock
         if planner.observes != "live":
             return walk(params)
-        slots, forecasts = FIRST_SLOTS, planner.name != Snapshot.name
-        while slots * scenario.slot_seconds < departure + seconds:
-            slots *= 2
+        scenario, departure = self.located.scenario, self.located.clock
+        slot_seconds, forecasts = scenario.slot_seconds, _looks_ahead(planner)
+        first = min(int(departure // slot_seconds), scenario.slots - 1)
+        after = max(int((departure + LONGER * seconds) // slot_seconds), first) + 1
         while True:
-            flow, shown = self.located.scenario_map.flow, min(slots, scenario.slots)
-            found = walk(see_counts(scenario, flow, params, shown, forecasts=forecasts))
+            flow, after = self.located.scenario_map.flow, min(after, scenario.slots)
+            found = walk(see_counts(scenario, flow, params, (first, after), forecasts=forecasts))
             latest = departure + float(np.max(found.seconds))
-            if latest <= slots * scenario.slot_seconds or slots >= scenario.slots:
+            if latest <= after * slot_seconds or after >= scenario.slots:
                 return found
-            slots *= 2
+            after += after - first
 
-    def _plan(self, planner: Planner, params: EnvParams, todo: Instance) -> Plan:
-        """One plan serves all futures, except in hindsight."""
-        if planner.level == "hindsight":
-            return planner.plan(params, todo)
-        plan = planner.plan(params, self.instances(1))
-        own = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), len(todo.origin), axis=0), plan.own)
-        return replace(plan, own=own)
+    def _plan(self, planner: Planner, params: EnvParams) -> Plan:
+        """One plan serves all futures: planners know of none of them, and of what is expected the same in each."""
+        if planner.observes == "live":
+            return planner.plan(params, self.instances(1))
+        plan = next((plan for other, plan in self._plans if other is planner), None)
+        if plan is None:
+            plan = planner.plan(self.alone, self.instances(1))
+            self._plans.append((planner, plan))
+        return plan
 
     def instances(self, count: int) -> Instance:
         """The walk that was asked for in the first ``count`` futures."""
-        origin, destination = (jnp.full(count, end.node, jnp.int32) for end in self.located.ends)
-        departure = jnp.full(count, self.located.clock, jnp.float32)
-        return Instance(origin, destination, departure, jnp.arange(count, dtype=jnp.int32))
+        origin, destination = (np.full(count, end.node, np.int32) for end in self.located.ends)
+        departure = np.full(count, self.located.clock, np.float32)
+        return Instance(*jax.device_put((origin, destination, departure, np.arange(count, dtype=np.int32))))
 
     def _legs(self, route: Route) -> list[Leg]:
         """The segments of a route by expected times."""
         params = replace(self.alone, objective=self.alone.objective.measured())  # crossings then tell the crowds met
         length, expected, density = np.asarray(params.network.length), params.expected, self.density
-        hour, number = float(params.futures.hour[0]), len(route.segments)
+        hour, number = self.located.hours[0], len(route.segments)
         padding = (0, -number % _LEGS_AT_ONCE)
         segment, clock = np.pad(np.array(route.segments, np.int32), padding), np.pad(route.clocks[:number], padding)
         found = jax.device_get(_crossed(params, segment, np.asarray(clock, np.float32)))
@@ -279,6 +288,22 @@ class Walker:
 
         walked = route.segments, route.clocks, route.clocks[1:]
         return list(map(leg, *walked, *(column[:number].tolist() for column in found)))
+
+
+def _looks_ahead(planner: Planner) -> bool:
+    """Whether a planner that sees all counts, or the map, looks at more than counts as they stand."""
+    return planner.name != Snapshot.name
+
+
+@partial(jax.jit, static_argnames="count")
+def _some(futures: Futures, count: int) -> Futures:
+    return futures.first(count)
+
+
+@jax.jit
+def _densities(expected: Speeds) -> Float[Array, "segment slot"]:
+    """Persons/m² that are expected at the only hour."""
+    return expected.of(jnp.int32(0)).known_density
 
 
 @jax.jit

@@ -9,7 +9,7 @@ from pathlib import Path
 from reprlib import repr as quoted
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
@@ -190,8 +190,8 @@ def _counted(venue: Venue, source: Counters, snapper: Snapper, network: RoadNetw
     # Each person who passes in an hour is on a given metre of street for 1 / FREE_SPEED seconds.
     per_count = venue.crowding / (HOUR * FREE_SPEED * np.asarray(network.width)[segment])
     weights = interpolation_weights(network, segment, source.reach)
-    flow = SensorFlow(model, weights, jnp.asarray(per_count, jnp.float32), slot_seconds, uneven=source.uneven)
-    return flow, replace(flow, record=jnp.asarray(record)), tuple(names * streets)
+    flow = SensorFlow(model, weights, jax.device_put(per_count.astype(np.float32)), slot_seconds, uneven=source.uneven)
+    return flow, replace(flow, record=jax.device_put(record)), tuple(names * streets)
 
 
 def _on_several_streets(
@@ -200,7 +200,8 @@ def _on_several_streets(
     """Sensors that stand on several streets have innovations and recorded weeks of their own on each of them."""
     every = np.tile(np.arange(record.shape[-1]), streets)
     factor = np.asarray(model.cholesky, np.float64)
-    cholesky = jnp.asarray(block_diag(*[cholesky_factor(factor @ factor.T)] * streets), jnp.float32)
-    several = (model.expected[:, every], model.weekly[every], model.sigma[:, every], model.phi[every], cholesky)
+    cholesky = block_diag(*[cholesky_factor(factor @ factor.T)] * streets).astype(np.float32)
+    expected, weekly, sigma, phi = map(np.asarray, (model.expected, model.weekly, model.sigma, model.phi))
+    several = jax.device_put((expected[:, every], weekly[every], sigma[:, every], phi[every], cholesky))
     weeks = [np.roll(record, -int(len(record) / streets * street), axis=0) for street in range(streets)]
     return SensorModel(*several), np.concatenate(weeks, axis=-1)

@@ -10,9 +10,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key, UInt32
 
 from sidestep.arguments import INDEX, SEED, checked, instance
+from sidestep.compilation import keep_compiled
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable, latest_counts
 from sidestep.errors import SidestepError
@@ -136,6 +137,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     >>> drawn.network.nodes, drawn.network.segments
     (9, 24)
     """
+    keep_compiled()  # whoever draws a map goes on to compile programs for it
     key = _key(seed, index)
     match scenario.place:
         case Grid() as grid:
@@ -173,6 +175,7 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     >>> draw_training_map(scenario("unseen-maps", side=3, crowded_nodes=1, training_maps=2), seed=0).parts
     (9, 9)
     """
+    keep_compiled()
     match scenario.place:
         case Grid(training_maps=number) as grid if number:
             seeds = [(seed, another, _LEARN) for another in range(number)]
@@ -187,7 +190,7 @@ _LEARN = 1  # a third number makes another stream: no map that is compared on ha
 def _key(seed: int, index: int) -> Key[Array, ""]:
     """The random stream of a map, different for every seed and map number."""
     # A key made of plain numbers needs no compiled program.
-    return jax.random.wrap_key_data(jnp.asarray(np.random.SeedSequence([seed, index]).generate_state(2)))
+    return jax.random.wrap_key_data(jax.device_put(np.random.SeedSequence([seed, index]).generate_state(2)))
 
 
 def _grid_map(key: Key[Array, ""], network: RoadNetwork, flow: FlowModel, parts: tuple[int, ...]) -> ScenarioMap:
@@ -209,9 +212,9 @@ def _venue_map(venue: Venue, walker: Walker, slot_seconds: float, law: Law) -> S
     if part.left_out:
         whole = _on_part(whole, part)
     if (pace := walker.paces(part.town)) is not None:
-        whole = replace(whole, network=replace(whole.network, pace=jnp.asarray(pace)))
+        whole = replace(whole, network=replace(whole.network, pace=jax.device_put(pace)))
     if (lifts := walker.lift_waits(part.town)) is not None:
-        whole = replace(whole, waits=whole.waits.with_fixed(jnp.asarray(lifts)))
+        whole = replace(whole, waits=whole.waits.with_fixed(jax.device_put(lifts)))
     origins, destinations = (ends_of(venue, walker, name) for name in ENDS)
     return replace(whole, origins=origins, destinations=destinations)
 
@@ -325,8 +328,16 @@ def mistakes(venue: Venue, walker: Walker) -> list[Fault]:
 
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose, part: int = 0) -> Key[Array, ""]:
     """The random stream of one purpose on one map; ``part`` numbers independent streams within it."""
-    key = jax.random.fold_in(scenario_map.key, PURPOSES.index(purpose))
-    return jax.random.fold_in(key, part) if part else key
+    numbers = (PURPOSES.index(purpose), part) if part else (PURPOSES.index(purpose),)
+    return _folded(scenario_map.key, np.array(numbers, np.uint32))
+
+
+@jax.jit
+def _folded(key: Key[Array, ""], numbers: UInt32[Array, " n"]) -> Key[Array, ""]:
+    """A key with some numbers folded into it, one after the other."""
+    for number in numbers:
+        key = jax.random.fold_in(key, number)
+    return key
 
 
 def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: datetime) -> tuple[ScenarioMap, int]:
