@@ -10,6 +10,8 @@ from pathlib import Path
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+# But not with numbers that are changed below, of which the names of files say nothing.
+os.environ.setdefault("SIDESTEP_CACHE", "")
 # Most programs of tests run once, so what counts is how fast they compile. `make coverage` and `make stress` compile
 # as users do, with 0 and no flags. XLA refuses flags that it does not know, should a later one drop this.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")

@@ -197,11 +197,16 @@ def cached_by_files(
 
         @wraps(function)
         def made(*args: P.args, **kwargs: P.kwargs) -> Made:
-            return kept(tuple(map(_written, named(*args, **kwargs))), *args, **kwargs)  # type: ignore[arg-type]
+            return kept(stamps(named(*args, **kwargs)), *args, **kwargs)  # type: ignore[arg-type]
 
         return made
 
     return keeping
+
+
+def stamps(files: tuple[str, ...]) -> tuple[tuple[int, int] | None, ...]:
+    """When each file was written last, in nanoseconds, and how large it is; None where there is none."""
+    return tuple(map(_written, files))
 
 
 def _written(file: str) -> tuple[int, int] | None:

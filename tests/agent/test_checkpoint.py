@@ -34,7 +34,7 @@ UNSEEN = scenario("unseen-maps", side=3, larger=(4,), crowded_nodes=1, training_
 def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: int = 2) -> Checkpoint:
     """A training whose state has random numbers everywhere."""
     drawn = draw_training_map(problem, seed, index)
-    _, state = prepare(config, problem, drawn)
+    _, _, state = prepare(config, problem, drawn)
     rng = np.random.default_rng(0)
 
     def shaken(leaf: jax.Array) -> jax.Array:

@@ -4,6 +4,7 @@ Streets take whole minutes at constant speed. Nodes stand 500 m apart along x, s
 is worth w_r * 500 = 0.5, and arriving 1. Walkers step at random, so that every exit of every node is learned.
 """
 
+from functools import partial
 from itertools import combinations
 
 import jax
@@ -74,7 +75,8 @@ def learn(config: TrainConfig, params: EnvParams, destination: int, nodes: int) 
     flow = ArimaFlow(jnp.zeros(params.network.segments), load_fitted())
     scenario_map = ScenarioMap(params.network, flow, flow, jax.random.key(0), (NODES,))
     problem = Problem(params, anywhere, tests)
-    state = start(config, scenario("paper-unblocked"), problem, scenario_map)
+    begin = jax.jit(partial(start, config, scenario("paper-unblocked")))  # one array for each number, to be used up
+    state = begin(problem, scenario_map)
     for _ in range(config.rounds):
         state, report = train_round(config, problem, state)
     seen = jax.vmap(Observation)(

@@ -142,7 +142,7 @@ def load(folder: Path) -> Checkpoint:
                 "saved; it cannot go on",
                 field="fingerprint",
             )
-        return jax.eval_shape(lambda here: _plain(prepare(metadata.config, metadata.scenario, here)[1]), drawn)
+        return jax.eval_shape(_plain, prepare.shapes(metadata.config, metadata.scenario, drawn)[-1])
 
     metadata, state = _read(folder, CHECKPOINT, template)
     return Checkpoint(metadata, eqx.tree_at(lambda s: s.key, state, jax.random.wrap_key_data(state.key)))

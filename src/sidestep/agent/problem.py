@@ -27,10 +27,8 @@ class Problem(eqx.Module):
     """Greedy test walks, through futures of their own."""
 
 
-def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> Problem:
+def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> tuple[Problem, InstanceSampler]:
     """Draw futures, and choose walks on one map; those to learn from begin at the scenario's origin.
-
-    ``jax.eval_shape`` may trace this function.
 
     Parameters
     ----------
@@ -41,8 +39,10 @@ def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> 
 
     Returns
     -------
-    Problem
-        That of the first round.
+    problem
+        That of rounds whose walks begin where the scenario's do.
+    from_anywhere
+        Walks from anywhere to the same destinations.
     """
     destinations = destinations_of(scenario_map, config.destinations)
     futures = config.futures + config.test_walks
@@ -57,16 +57,13 @@ def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> 
         samples=None if config.level in ("map", "live") else 0,  # below, nobody knows what is expected
     )
     params = replace(params, horizon=jnp.float32(scenario.horizon))  # walks go on beyond
-    here = sampler(scenario, scenario_map, params, config.futures, destinations=destinations)
+    here, from_anywhere = (
+        sampler(scenario, scenario_map, params, config.futures, destinations=destinations, anywhere=everywhere)
+        for everywhere in (False, True)
+    )
     several = destinations if config.destinations > 1 else None
     tests = instances(scenario, scenario_map, params, config.test_walks, first=config.futures, destinations=several)
-    return Problem(params, here, tests)
-
-
-def anywhere(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap, params: EnvParams) -> InstanceSampler:
-    """Walks from anywhere to the same destinations."""
-    destinations = destinations_of(scenario_map, config.destinations)
-    return sampler(scenario, scenario_map, params, config.futures, destinations=destinations, anywhere=True)
+    return Problem(params, here, tests), from_anywhere
 
 
 def renewed(

@@ -1,7 +1,7 @@
 """Training rounds: act, remember, learn, test; one compiled program per round (the paper's algorithm 1)."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -15,13 +15,13 @@ from sidestep.agent.acting import ACTING_DRAWS, Transition, Walkers, act, place_
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.learning import Learner, learn, start_learner
 from sidestep.agent.policy import Policy, deployed
-from sidestep.agent.problem import Problem, anywhere, pose, renewed
+from sidestep.agent.problem import Problem, pose, renewed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.replay import Replay, add, empty_replay
 from sidestep.environment.rollout import walk
-from sidestep.files import cached_by_files
-from sidestep.scenarios.episodes import DRAWS
-from sidestep.scenarios.maps import ScenarioMap, draw_training_map, purpose_key
+from sidestep.programs import QUICK, program
+from sidestep.scenarios.episodes import DRAWS, InstanceSampler
+from sidestep.scenarios.maps import ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
 
 
@@ -72,36 +72,30 @@ def training_rounds(
         How the round went.
     """
     with ThreadPoolExecutor(1) as executor:
-        # The round takes seconds to compile the first time; futures are drawn meanwhile.
-        compiling = executor.submit(_compiled_round, config, scenario)
-        problem, fresh = prepare(config, scenario, scenario_map)
-        one_round = compiling.result()
+        # A round takes seconds to compile the first time; futures are drawn meanwhile.
+        shape_of_problem, _, shape_of_state = prepare.shapes(config, scenario, scenario_map)
+        compiling = executor.submit(train_round.prepare, config, shape_of_problem, shape_of_state)
+        problem, from_anywhere, fresh = prepare(config, scenario, scenario_map)
+        compiling.result()
         state = fresh if state is None else state
-        from_anywhere = anywhere(config, scenario, scenario_map, problem.params)
         before = int(state.iteration) // config.iterations
         environments = renewed(config, scenario, scenario_map, problem.params, before, executor)
         for done, params in zip(range(before, config.rounds), environments, strict=False):
             everywhere = config.destinations > 1 or done < config.random_origins * config.rounds
             sampler = from_anywhere if everywhere else problem.sampler
-            state, report = one_round(Problem(params, sampler, problem.tests), state)
+            state, report = train_round(config, Problem(params, sampler, problem.tests), state)
             yield state, report
 
 
-def prepare(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> tuple[Problem, TrainState]:
-    """Pose the problem of one map, with an untrained state; ``jax.eval_shape`` gives shapes without the work."""
-    problem = pose(config, scenario, scenario_map)
-    return problem, start(config, scenario, problem, scenario_map)
+@program("config", "scenario", options=QUICK, files=lambda scenario, **_: scenario.place.files)
+def prepare(
+    config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap
+) -> tuple[Problem, InstanceSampler, TrainState]:
+    """Pose the problem of one map, with walks from anywhere and an untrained state."""
+    problem, from_anywhere = pose(config, scenario, scenario_map)
+    return problem, from_anywhere, start(config, scenario, problem, scenario_map)
 
 
-@cached_by_files(lambda _, scenario: scenario.place.files, most=16)
-def _compiled_round(config: TrainConfig, scenario: Scenario) -> Callable[..., tuple[TrainState, RoundReport]]:
-    """:func:`train_round` for all maps of a scenario, which have the same shapes."""
-    scenario_map = draw_training_map(scenario, seed=0)
-    problem, state = jax.eval_shape(partial(prepare, config, scenario), scenario_map)
-    return train_round.lower(config, problem, state).compile()
-
-
-@partial(jax.jit, static_argnames=("config", "scenario"))
 def start(config: TrainConfig, scenario: Scenario, problem: Problem, scenario_map: ScenarioMap) -> TrainState:
     """Untrained network, empty replay, walkers at their origins."""
     key, network_key, walker_key = jax.random.split(purpose_key(scenario_map, "explore"), 3)
@@ -112,7 +106,7 @@ def start(config: TrainConfig, scenario: Scenario, problem: Problem, scenario_ma
     return TrainState(learner, replay, walkers, jnp.int32(0), key, best=q_network, best_minutes=jnp.float32(jnp.inf))
 
 
-@partial(jax.jit, static_argnames="config", donate_argnames="state")
+@program("config", donate=("state",), options=QUICK)
 def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tuple[TrainState, RoundReport]:
     """Train for one round: ``round_steps`` steps, a gradient step for each ``walkers`` of them, then the test walks.
 

@@ -18,6 +18,7 @@ from jaxtyping import Array, ArrayLike, Float, Key
 
 from sidestep.crowds.base import Counts, FlowField, FlowModel, Hours, Index, Scalar
 from sidestep.errors import SidestepError
+from sidestep.programs import on_device
 
 _SHORTEST = 30  # observations; fewer cannot tell even an AR(1) from noise
 _MOST_DIFFERENCES = 2
@@ -212,7 +213,7 @@ def ar1(phi: float, mean: float, sigma: float) -> Arima:
 
 
 def _model(ar: ArrayLike, ma: ArrayLike, mean: ArrayLike, sigma: ArrayLike, d: int, step: float = 3600.0) -> Arima:
-    ar, ma, mean, sigma = (jnp.array(each, dtype=float) for each in (ar, ma, mean, sigma))
+    ar, ma, mean, sigma = map(on_device, (ar, ma, mean, sigma))
     return Arima(ar, ma, mean, sigma, d, float(step))
 
 

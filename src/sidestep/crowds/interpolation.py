@@ -7,8 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from sidestep.network.graph import NetworkError, RoadNetwork
 
@@ -98,6 +96,9 @@ def walking_distances(
     away
         Infinity where every way is longer than the limit.
     """
+    from scipy.sparse import coo_array  # on use: grids do without it
+    from scipy.sparse.csgraph import dijkstra
+
     tail, head, length = (np.asarray(part) for part in (network.tail, network.head, network.length))
     low, high = np.minimum(tail, head), np.maximum(tail, head)
     pair = low.astype(np.int64) * network.nodes + high

@@ -1,12 +1,12 @@
 """The streets that form one town: what can be reached from everywhere, and what only by restricted ways or ferries."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from sidestep.network.connected import components
 from sidestep.network.streets import Streets
 
 
@@ -49,7 +49,7 @@ def connect(streets: Streets, ferries: Int[np.ndarray, "link 2"]) -> Connected:
         secluded = public & ~_within(of, streets, int(inhabited.argmax()))
     with_ferries = _components(streets, np.ones(len(streets), bool), ferries)
     home = int(with_ferries[streets.ends[np.argmax(kept), 0]])
-    weak = _components(streets, np.ones(len(streets), bool), directed=False)[streets.ends[:, 0]]
+    weak = _components(streets, np.ones(len(streets), bool), connection="weak")[streets.ends[:, 0]]
     left_out = np.setdiff1d(weak, weak[kept])
     return Connected(kept, secluded, _within(with_ferries, streets, home) & ~kept, len(left_out))
 
@@ -58,16 +58,14 @@ def _components(
     streets: Streets,
     which: Bool[np.ndarray, " street"],
     links: Int[np.ndarray, "link 2"] | None = None,
-    *,
-    directed: bool = True,
+    connection: Literal["strong", "weak"] = "strong",
 ) -> Int[np.ndarray, " node"]:
     """Number the component of each node, by some of the streets and links that are walked both ways."""
     more = np.zeros((0, 2), np.int64) if links is None else links
     back = streets.ends[which & ~streets.one_way, ::-1]
     tail, head = np.concatenate([streets.ends[which], back, more, more[:, ::-1]]).T
     nodes = int(max(streets.ends.max(), more.max(initial=0))) + 1
-    joined = coo_array((np.ones(len(tail), np.int32), (tail, head)), shape=(nodes, nodes))
-    return connected_components(joined, directed=directed, connection="strong")[1]
+    return components(nodes, tail, head, connection)
 
 
 def _within(component: Int[np.ndarray, " node"], streets: Streets, number: int) -> Bool[np.ndarray, " street"]:

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int, Int64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from sidestep.network.connected import components
 from sidestep.network.streets import ranges
 from sidestep.network.town import ARRAYS, WORDS, Town, TownError
 
@@ -92,5 +91,4 @@ def _components(town: Town, rows: Int[np.ndarray, " street"]) -> Int[np.ndarray,
     back = rows[~town.one_way[rows]]
     tail = np.concatenate([town.tail[rows], town.head[back]])
     head = np.concatenate([town.head[rows], town.tail[back]])
-    links = coo_array((np.ones(len(tail), np.int32), (tail, head)), shape=(town.nodes, town.nodes))
-    return connected_components(links, connection="strong")[1]
+    return components(town.nodes, tail, head)

@@ -2,9 +2,8 @@
 
 import numpy as np
 from jaxtyping import Bool, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from sidestep.network.connected import components
 from sidestep.network.graph import ABSENT, SHUT, Areas
 
 
@@ -38,26 +37,18 @@ def restricted_areas(
     """
     walked = ~never_open
     anybody = walked & ~restricted
-    together = _components(nodes, tail[anybody], head[anybody], "strong")
-    part = _components(nodes, tail[walked], head[walked], "weak")
+    together = components(nodes, tail[anybody], head[anybody], "strong")
+    part = components(nodes, tail[walked], head[walked], "weak")
     joined = np.isin(np.arange(nodes), np.concatenate([tail[anybody], head[anybody]]))
     size = np.bincount(together[joined], minlength=nodes)[together]
     order = np.lexsort((together, -size))  # of each part of the town, the nodes of the largest component come first
     _, first = np.unique(part[order], return_index=True)
     outside = joined & (together == together[order][first][part])
     of_area = walked & (restricted | ~outside[tail] | ~outside[head])
-    label = _components(nodes, tail[of_area], head[of_area], "weak")
+    label = components(nodes, tail[of_area], head[of_area], "weak")
     number = np.full(nodes, ABSENT, np.int32)
     _, number_of = np.unique(label[tail[of_area]], return_inverse=True)
     number[tail[of_area]] = number[head[of_area]] = number_of
     area = np.where(outside, np.int32(ABSENT), number)
     enters = np.where(of_area & outside[tail], number[tail], np.int32(ABSENT))
     return area, np.where(never_open, np.int32(SHUT), enters)
-
-
-def _components(
-    nodes: int, tail: Int[np.ndarray, " segment"], head: Int[np.ndarray, " segment"], connection: str
-) -> Int[np.ndarray, " node"]:
-    """Number of the component that each node is in."""
-    links = coo_array((np.ones(len(tail), np.int32), (tail, head)), shape=(nodes, nodes))
-    return connected_components(links, connection=connection)[1]

@@ -12,7 +12,6 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.count_files import positions_path
@@ -198,6 +197,8 @@ def _on_several_streets(
     model: SensorModel, record: Float[np.ndarray, "week 168 sensor"], streets: int
 ) -> tuple[SensorModel, Float[np.ndarray, "week 168 counter"]]:
     """Sensors that stand on several streets have innovations and recorded weeks of their own on each of them."""
+    from scipy.linalg import block_diag
+
     every = np.tile(np.arange(record.shape[-1]), streets)
     factor = np.asarray(model.cholesky, np.float64)
     cholesky = block_diag(*[cholesky_factor(factor @ factor.T)] * streets).astype(np.float32)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from sidestep.crowds.arima import ArimaFlow, change_step, load_fitted
@@ -10,6 +9,7 @@ from sidestep.crowds.base import FlowModel
 from sidestep.crowds.rush import RushFlow, ShiftingFlow
 from sidestep.network.graph import RoadNetwork, disjoint_union
 from sidestep.network.grid import grid_network
+from sidestep.programs import on_device
 from sidestep.scenarios.places import Grid
 
 
@@ -67,7 +67,7 @@ def on_grids(
     """
     networks, *columns = zip(*(_draw_grid(grid, side, seed) for seed in seeds), strict=True)
     network, parts = disjoint_union(networks), tuple(each.nodes for each in networks)
-    volume, amplitude, phase = (jnp.asarray(np.concatenate(each), jnp.float32) for each in columns)
+    volume, amplitude, phase = (on_device(np.concatenate(each)) for each in columns)
     flow: FlowModel
     if (rush := grid.rush) is None:
         flow = ArimaFlow(volume, change_step(load_fitted(), slot_seconds))
@@ -76,7 +76,7 @@ def on_grids(
         if rush.shifting:
             first = np.cumsum((0, *parts))
             spared = np.isin(np.arange(network.nodes), (first[:-1], first[1:] - 1))
-            ends = jnp.stack([network.tail, network.head], axis=1)
+            ends = on_device(np.stack([network.tail, network.head], axis=1), np.int32)
             crowded_nodes = sum(_crowded_nodes(grid, nodes) for nodes in parts)
-            flow = ShiftingFlow(flow, ends, jnp.asarray(spared), crowded_nodes, *grid.crowded_volume)
+            flow = ShiftingFlow(flow, ends, on_device(spared, np.bool_), crowded_nodes, *grid.crowded_volume)
     return network, flow, parts

@@ -21,6 +21,7 @@ from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.parts import TownPart
 from sidestep.network.snapping import Snapper, SplitStreets
+from sidestep.programs import on_device
 from sidestep.scenarios.crowd_sources import HOUR, check_crowds, crowds_of
 from sidestep.scenarios.grids import on_grids
 from sidestep.scenarios.model import A_SCENARIO, Scenario
@@ -190,7 +191,7 @@ _LEARN = 1  # a third number makes another stream: no map that is compared on ha
 def _key(seed: int, index: int) -> Key[Array, ""]:
     """The random stream of a map, different for every seed and map number."""
     # A key made of plain numbers needs no compiled program.
-    return jax.random.wrap_key_data(jax.device_put(np.random.SeedSequence([seed, index]).generate_state(2)))
+    return jax.random.wrap_key_data(on_device(np.random.SeedSequence([seed, index]).generate_state(2), np.uint32))
 
 
 def _grid_map(key: Key[Array, ""], network: RoadNetwork, flow: FlowModel, parts: tuple[int, ...]) -> ScenarioMap:

@@ -1,14 +1,14 @@
 """Where things of a venue are on its streets: sensors, lights, origins and destinations."""
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Bool, Int
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from sidestep.network.connected import components, reached
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.network.snapping import Snapper, StreetPoint
 from sidestep.network.town import TownError
+from sidestep.programs import on_device
 from sidestep.scenarios.places import Sensor
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.values import Waypoint
@@ -167,7 +167,7 @@ def check_ways(network: RoadNetwork, origins: tuple[int, ...], destinations: tup
     if not destinations:
         _check_everywhere(network, origins)
     for destination in destinations:
-        taken = np.asarray(network.may_take(jnp.int32(destination)))
+        taken = np.asarray(network.may_take(on_device(destination, np.int32)))
         strays = _reached(network, taken, *origins) if origins else np.arange(network.nodes)
         _refuse(np.setdiff1d(strays, _reached(network, taken, destination, back=True)), destination)
 
@@ -181,7 +181,7 @@ def _check_everywhere(network: RoadNetwork, origins: tuple[int, ...]) -> None:
     # is such a crossing: then nobody on the way to it enters one.
     outside = strays if network.area is None else strays[np.asarray(network.area)[strays] == ABSENT]
     first = int((*outside, *strays)[0])
-    taken = np.asarray(network.may_take(jnp.int32(first)))
+    taken = np.asarray(network.may_take(on_device(first, np.int32)))
     _refuse(np.setdiff1d(strays, _reached(network, taken, first, back=True)), first)
     for lost in np.setdiff1d(np.arange(network.nodes), _reached(network, _from(network, first), first)).tolist():
         _refuse([first], lost)
@@ -189,8 +189,10 @@ def _check_everywhere(network: RoadNetwork, origins: tuple[int, ...]) -> None:
 
 def _from(network: RoadNetwork, origin: int) -> Bool[np.ndarray, " segment"]:
     """Which segments walks from a crossing take, wherever they end."""
-    valid, taken = network.exits_from(jnp.int32(origin)), jnp.zeros(network.segments, bool)
-    return np.asarray(taken.at[network.exit_segment].max(valid))
+    streets = jax.tree.map(np.asarray, network)  # plain numbers need no compiled programs
+    taken = np.zeros(network.segments, bool)
+    taken[streets.exit_segment[np.asarray(streets.exits_from(on_device(origin, np.int32)))]] = True
+    return taken
 
 
 def _reached(
@@ -198,8 +200,8 @@ def _reached(
 ) -> Int[np.ndarray, " reached"]:
     """Nodes to which paths over the segments taken lead from any of some nodes or, if ``back``, from which to them."""
     tail, head = (np.asarray(each)[taken] for each in (network.tail, network.head))
-    ways = csr_array((np.ones(len(tail)), (head, tail) if back else (tail, head)), shape=(network.nodes,) * 2)
-    return np.unique(np.concatenate([breadth_first_order(ways, node, return_predecessors=False) for node in starts]))
+    begin, end = (head, tail) if back else (tail, head)
+    return reached(network.nodes, begin, end, starts)
 
 
 def _refuse(lost: Int[np.ndarray, " node"] | list[int], destination: int) -> None:
@@ -217,7 +219,6 @@ def _one_each(network: RoadNetwork, ends: tuple[int, ...]) -> tuple[int, ...]:
         return ends
     taken = slice(None) if network.enters is None else np.asarray(network.enters) == ABSENT
     tail, head = (np.asarray(each)[taken] for each in (network.tail, network.head))
-    ways = (np.ones(len(tail)), (tail, head))
-    _, component = connected_components(csr_array(ways, shape=(network.nodes,) * 2), connection="strong")
+    component = components(network.nodes, tail, head)
     _, first = np.unique(component[list(ends)], return_index=True)
     return tuple(ends[number] for number in sorted(first.tolist()))

@@ -1,0 +1,351 @@
+"""Compiled programs: each is traced and compiled once a machine, and read from a folder of the user's ever after.
+
+JAX's own persistent cache is asked only after a function has been traced and lowered, which takes longer than to read
+what it was compiled to. Here the name of a file says all that a program depends on: Sidestep's source, the libraries,
+the processor, flags, static arguments, and the shapes of the others.
+"""
+
+import hashlib
+import inspect
+import os
+import pickle
+import platform
+import re
+import secrets
+import stat
+import sys
+import threading
+import warnings
+from collections import Counter, OrderedDict
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, partial, update_wrapper
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Generic, ParamSpec, TypeVar
+
+import jax
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sidestep.files import OutputError, stamps, whole_file
+
+P = ParamSpec("P")
+Made = TypeVar("Made")
+
+QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+"""Options of the compiler for programs that do not run for long: it takes two thirds of the time on a CPU."""
+FOLDER = "SIDESTEP_CACHE"
+"""Environment variable that names the folder of compiled programs; empty for none."""
+MOST_BYTES = 2**29
+"""Of all files in the folder together; those unused for longest go first."""
+_IN_MEMORY = 128  # programs for each function
+_LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
+_HARMLESS = re.compile("cache|log|traceback|explain")  # in names of flags
+_UNSURE = re.compile(
+    r"(?<!key)<|\.\.\."
+)  # in texts of what has no literal, such as functions; or that leave out something
+
+counts: Counter[tuple[str, str]] = Counter()
+"""How often a function was "compiled" and "loaded" in this process, by its name."""
+
+
+class Program(Generic[P, Made]):
+    """A function that is compiled for each set of static arguments and shapes of the others.
+
+    It is called like the function. Within another function that JAX traces, it becomes a part of that.
+    """
+
+    def __init__(
+        self,
+        function: Callable[P, Made],
+        static: tuple[str, ...] = (),
+        donate: tuple[str, ...] = (),
+        options: dict[str, Any] | None = None,
+        files: Callable[..., tuple[str, ...]] = lambda **_: (),
+    ) -> None:
+        update_wrapper(self, function)
+        self._function, self._static, self._donate = function, static, donate
+        self._name = function.__qualname__
+        self._options, self._files = options or {}, files
+        self._signature = inspect.signature(function)
+        self._jitted = jax.jit(function, static_argnames=static, donate_argnames=donate)
+        self._variants: OrderedDict[Any, _Variant] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Made:
+        static, tree, leaves = self._sorted(*args, **kwargs)
+        within = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+        if within or jax.config.jax_disable_jit:  # type: ignore[attr-defined]
+            return self._jitted(*args, **kwargs)
+        return self._variant(static, tree, leaves).run(leaves)
+
+    def shapes(self, *args: P.args, **kwargs: P.kwargs) -> Made:
+        """Shapes and types of what the function makes, without a call; arguments may be shapes and types as well.
+
+        Returns
+        -------
+        Made
+            With :class:`jax.ShapeDtypeStruct` in the place of arrays.
+        """
+        return self._variant(*self._sorted(*args, **kwargs)).made()
+
+    def prepare(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Load or compile what a call needs; arguments may be shapes and types."""
+        self._variant(*self._sorted(*args, **kwargs)).executable()
+
+    def _sorted(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Any], Any, list[Any]]:
+        """Static arguments by name, and the tree and leaves of the others."""
+        bound = self._signature.bind(*args, **kwargs)
+        bound.apply_defaults()
+        given = dict(bound.arguments)
+        static = {name: given.pop(name) for name in self._static}
+        leaves, tree = jax.tree.flatten(given)
+        return static, tree, leaves
+
+    def _variant(self, static: dict[str, Any], tree: Any, leaves: list[Any]) -> "_Variant":
+        types = tuple(map(_type_of, leaves))
+        read = stamps(self._files(**static))
+        key = (*static.values(), tree, types, read, jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+        with self._lock:
+            found = self._variants.get(key)
+            if found is None:
+                if len(self._variants) == _IN_MEMORY:
+                    self._variants.popitem(last=False)
+                options = self._options if jax.default_backend() == "cpu" else {}
+                told = repr((static, tree, types, self._donate, read, options))
+                donated = _places(tree, self._donate)
+                function = partial(self._function, **static)
+                found = _Variant(self._name, function, tree, types, donated, options, self._file(told))
+                self._variants[key] = found
+            self._variants.move_to_end(key)
+        return found
+
+    def _file(self, told: str) -> Path | None:
+        """Where a program is kept that depends on what is ``told``; None where it cannot be."""
+        # Of other packages the source is not known.
+        if not self.__module__.startswith(f"{__package__}.") or _UNSURE.search(told) or (folder := _folder()) is None:
+            return None
+        named = f"{_surroundings()} {self.__module__} {self._name} {told}"
+        return folder / hashlib.sha256(named.encode()).hexdigest()[:40]
+
+
+def on_device(values: ArrayLike, dtype: type[np.generic] = np.float32) -> jax.Array:
+    """Make a JAX array of plain numbers; ``jnp.asarray`` compiles a program for each shape that it meets."""
+    return jax.device_put(np.asarray(values, dtype))
+
+
+def program(
+    *static: str,
+    donate: tuple[str, ...] = (),
+    options: dict[str, Any] | None = None,
+    files: Callable[..., tuple[str, ...]] = lambda **_: (),
+) -> Callable[[Callable[P, Made]], Program[P, Made]]:
+    """Make a :class:`Program` of a function.
+
+    Parameters
+    ----------
+    *static
+        Names of arguments that are no arrays. They must be hashable, and their ``repr`` must tell them apart; where it
+        is no literal, as that of a function, the program is kept in memory only.
+    donate
+        Names of arguments that are used up.
+    options
+        Of the compiler, on a CPU.
+    files
+        Picks the names of files that the function reads out of the static arguments, which are given by name.
+
+    Returns
+    -------
+    Callable
+        A decorator of the function.
+    """
+    return lambda function: Program(function, static, donate, options, files)
+
+
+class _Variant:
+    """A function compiled for some static arguments and shapes, by whichever thread needs it first."""
+
+    def __init__(
+        self,
+        name: str,
+        function: Callable[..., Any],
+        tree: Any,
+        types: tuple[tuple[tuple[int, ...], Any], ...],
+        donated: tuple[int, ...],
+        options: dict[str, Any],
+        file: Path | None,
+    ) -> None:
+        self._name, self._function, self._tree, self._types, self._donated = name, function, tree, types, donated
+        self._options, self._file = options, file
+        self._lock = threading.RLock()
+        self._traced: Any = None
+        self._executable: Callable[..., list[Any]] | None = None
+        self._kept: bytes | None = None
+        self._made: Any = None
+        self._made_tree: Any = None
+
+    def run(self, leaves: list[Any]) -> Any:
+        """Call it."""
+        executable = self._executable or self.executable()
+        return jax.tree.unflatten(self._made_tree, executable(*leaves))
+
+    def made(self) -> Any:
+        """Shapes and types of what it makes."""
+        with self._lock:
+            if self._made_tree is None and not self._read():
+                self._trace()
+        return self._made
+
+    def executable(self) -> Callable[..., list[Any]]:
+        """Load or compile it."""
+        with self._lock:
+            if self._executable is None:
+                self._executable = self._load() or self._compile()
+            return self._executable
+
+    def _read(self) -> bool:
+        """Read it, and say whether it was there."""
+        if self._file is not None and self._kept is None and (kept := _read(self._file)) is not None:
+            self._kept, self._made = kept
+            self._made_tree = jax.tree.structure(self._made)
+        return self._kept is not None
+
+    def _load(self) -> Callable[..., list[Any]] | None:
+        """Make it ready to be called, if it was kept."""
+        from jax.experimental import serialize_executable
+
+        if self._traced is not None or not self._read():
+            return None
+        trees = (
+            jax.tree.structure(((0,) * len(self._types), {})),
+            jax.tree.structure([0] * self._made_tree.num_leaves),
+        )
+        try:
+            loaded = serialize_executable.deserialize_and_load(self._kept, *trees)
+        except Exception:  # noqa: BLE001 - whatever a damaged file may bring about: it is compiled anew
+            return None
+        self._kept = None  # a megabyte
+        counts["loaded", self._name] += 1
+        return loaded
+
+    def _trace(self) -> None:
+        # Of flat leaves: the trees of arguments cannot be read back from a file.
+        def flat(*leaves: Any) -> list[Any]:
+            flattened, self._made_tree = jax.tree.flatten(self._function(**jax.tree.unflatten(self._tree, leaves)))
+            return flattened
+
+        flat.__name__ = self._name
+        if self._file is not None and jax.config.values["jax_compilation_cache_dir"]:
+            # JAX's own cache must not know it: what was read from there cannot be written once more.
+            flat.__name__ += f"_{secrets.token_hex(4)}"
+        shapes = [_shape(*each) for each in self._types]
+        self._traced = jax.jit(flat, donate_argnums=self._donated).trace(*shapes)
+        info = [_shape(each.shape, each.dtype) for each in self._traced.out_info]
+        self._made = jax.tree.unflatten(self._made_tree, info)
+
+    def _compile(self) -> Callable[..., list[Any]]:
+        if self._traced is None:
+            self._trace()
+        counts["compiled", self._name] += 1
+        compiled = self._traced.lower().compile(compiler_options=self._options)
+        self._traced = None
+        if self._file is not None:
+            _write(self._file, compiled, self._made)
+        return compiled
+
+
+def _type_of(leaf: Any) -> tuple[tuple[int, ...], Any]:
+    """Shape and type; those of plain numbers are JAX's."""
+    found = leaf if isinstance(leaf, (jax.Array, jax.ShapeDtypeStruct)) else jax.typeof(leaf)
+    return found.shape, found.dtype
+
+
+def _shape(shape: tuple[int, ...], dtype: Any) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, dtype)  # type: ignore[no-untyped-call]
+
+
+def _places(tree: Any, donate: tuple[str, ...]) -> tuple[int, ...]:
+    """Numbers of the leaves of some of the arguments."""
+    given = jax.tree.unflatten(tree, range(tree.num_leaves))
+    return tuple(number for name in donate for number in jax.tree.leaves(given[name]))
+
+
+@cache
+def _surroundings() -> str:
+    """What all programs depend on: the source, the libraries, the machine, and flags."""
+    source, here = hashlib.sha256(), Path(__file__).parent
+    for file in sorted(here.rglob("*.py")):
+        source.update(f"{file.relative_to(here)} {file.stat().st_size} ".encode() + file.read_bytes())
+    device = jax.devices()[0]
+    flags = {name: value for name, value in jax.config.values.items() if not _HARMLESS.search(name)}
+    told = (
+        sys.version,
+        [version(library) for library in _LIBRARIES],
+        device.device_kind,
+        device.client.platform_version,
+        jax.device_count(),
+        _processor(),
+        os.environ.get("XLA_FLAGS"),
+        sorted(flags.items()),
+    )
+    return f"{source.hexdigest()} {told!r}"
+
+
+def _processor() -> str:
+    """The processor with its features: programs that use them do not run on another."""
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        return " ".join(dict.fromkeys(line for line in lines if line.startswith(("model name", "flags", "Features"))))
+    return platform.processor()
+
+
+@cache
+def _folder() -> Path | None:
+    """The folder of compiled programs. Reading them runs what is in them: nobody else may have put them there."""
+    named = os.environ.get(FOLDER)
+    if named == "":
+        return None
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(named) if named else Path(home) / "sidestep" / "programs"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
+    except OSError as error:
+        said = f"{error.strerror or error}"
+    else:
+        ours = not hasattr(os, "getuid") or found.st_uid == os.getuid()
+        if stat.S_ISDIR(found.st_mode) and ours and not found.st_mode & 0o077:
+            return folder
+        said = "it must be a folder of your own that nobody else may enter (mode 700)"
+    warnings.warn(f"compiled programs are not kept in {folder}: {said}", stacklevel=2)
+    return None
+
+
+def _read(file: Path) -> tuple[bytes, Any] | None:
+    """Read a program, and shapes and types of what it makes; None where there is none, or a damaged one."""
+    try:
+        with file.open("rb") as opened:
+            payload, made = pickle.load(opened)  # noqa: S301 - see _folder
+        os.utime(file)
+    except Exception:  # noqa: BLE001 - whatever a damaged file may bring about
+        return None
+    return payload, made
+
+
+def _write(file: Path, executable: Any, made: Any) -> None:
+    """Keep a program; what cannot be kept is compiled again next time."""
+    from jax.experimental import serialize_executable
+
+    with suppress(OutputError, OSError, ValueError, TypeError, jax.errors.JaxRuntimeError, pickle.PicklingError):
+        payload = serialize_executable.serialize(executable)[0]
+        with whole_file(file) as temporary:
+            temporary.write_bytes(pickle.dumps((payload, made)))
+        kept = sorted(
+            ((each.stat().st_mtime, each.stat().st_size, each) for each in file.parent.iterdir()), reverse=True
+        )
+        size = 0
+        for _, bytes_of, each in kept:
+            size += bytes_of
+            if size > MOST_BYTES:
+                each.unlink(missing_ok=True)

@@ -1,0 +1,199 @@
+"""Compiled programs: what is compiled, what is read, and what is never trusted."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array, Float, Key
+
+from sidestep import programs
+from sidestep.programs import QUICK, program
+
+
+class Pair(eqx.Module):
+    one: Float[Array, "*n"]
+    other: Key[Array, ""]
+    name: str = eqx.field(static=True)
+
+
+def scaled(by: float, pair: Pair, more: Float[Array, "*n"]) -> Pair:
+    return Pair(by * pair.one + more, jax.random.fold_in(pair.other, 1), pair.name)
+
+
+scaled.__module__ = "sidestep.scaled"  # of other packages nothing is kept
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    kept = tmp_path / "programs"
+    monkeypatch.setenv(programs.FOLDER, str(kept))
+    monkeypatch.setattr(programs, "counts", type(programs.counts)())
+    programs._folder.cache_clear()
+    yield kept
+    programs._folder.cache_clear()
+
+
+def pair(n: int = 3, name: str = "a") -> Pair:
+    return Pair(jnp.arange(n, dtype=float), jax.random.key(0), name)
+
+
+def count(what: str) -> int:
+    return programs.counts[what, "scaled"]
+
+
+def check(made: Pair) -> None:
+    assert made.one.tolist() == [1.0, 3.0, 5.0]
+    assert made.name == "a"
+    assert (
+        jax.random.key_data(made.other).tolist()
+        == jax.random.key_data(jax.random.fold_in(jax.random.key(0), 1)).tolist()
+    )
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_program_is_compiled_once_and_read_ever_after():
+    first = program("by", options=QUICK)(scaled)
+    for _ in range(2):
+        check(first(2.0, pair(), jnp.ones(3)))
+    assert (count("compiled"), count("loaded")) == (1, 0)
+    again = program("by", options=QUICK)(scaled)
+    assert again.shapes(2.0, pair(), jnp.ones(3)).one.shape == (3,)
+    assert count("loaded") == 0  # shapes are told without the program
+    check(again(2.0, pair(), jnp.ones(3)))
+    assert (count("compiled"), count("loaded")) == (1, 1)
+
+
+def test_static_arguments_shapes_trees_and_options_make_other_programs(folder):
+    one = program("by")(scaled)
+    one(2.0, pair(), jnp.ones(3))
+    for arguments in ((3.0, pair(), jnp.ones(3)), (2.0, pair(4), jnp.ones(4)), (2.0, pair(name="b"), jnp.ones(3))):
+        one(*arguments)
+    program("by", options=QUICK)(scaled)(2.0, pair(), jnp.ones(3))
+    assert (count("compiled"), count("loaded")) == (5, 0)
+    assert len(list(folder.iterdir())) == 5
+
+
+@pytest.mark.usefixtures("folder")
+def test_plain_numbers_and_numpy_arrays_are_arguments():
+    made = program()(lambda x, y: x + y)
+    assert made(np.float32(1.5), np.arange(2, dtype=np.float32)).tolist() == [1.5, 2.5]
+    assert made(1.5, jnp.arange(2.0)).tolist() == [1.5, 2.5]
+
+
+@pytest.mark.usefixtures("folder")
+def test_it_is_a_part_of_what_is_traced():
+    made = program("by")(scaled)
+    check(jax.jit(lambda here, more: made(2.0, here, more))(pair(), jnp.ones(3)))
+    assert not programs.counts
+    with jax.disable_jit():
+        check(made(2.0, pair(), jnp.ones(3)))
+    assert not programs.counts
+
+
+@pytest.mark.usefixtures("folder")
+def test_what_is_donated_is_used_up():
+    for _ in range(2):  # compiled, then read
+        made = program("by", donate=("more",))(scaled)
+        here, more = pair(), jnp.ones(3)
+        check(made(2.0, here, more))
+        assert more.is_deleted()
+        assert not here.one.is_deleted()
+    assert (count("compiled"), count("loaded")) == (1, 1)
+
+
+def test_what_differs_from_process_to_process_is_not_kept(folder):
+    def apply(rule, x):
+        return rule(x)
+
+    apply.__module__ = scaled.__module__
+    for rule in (jnp.negative, lambda x: -x):
+        assert program("rule")(apply)(rule, jnp.ones(2)).tolist() == [-1, -1]
+    assert not folder.exists()
+
+
+def test_what_others_write_is_not_kept(folder):
+    assert program()(lambda x: -x)(jnp.ones(2)).tolist() == [-1, -1]
+    assert not folder.exists()
+
+
+@pytest.mark.usefixtures("folder")
+def test_files_that_are_read_count(tmp_path):
+    file = tmp_path / "number"
+    file.write_text("2")
+    made = program("name", files=lambda name: (name,))(lambda name, x: float(Path(name).read_text()) * x)
+    assert made(str(file), jnp.float32(3)) == 6
+    file.write_text("10")
+    assert made(str(file), jnp.float32(3)) == 30
+
+
+@pytest.mark.parametrize("damage", [b"", b"nothing", None])
+def test_a_damaged_file_is_compiled_anew(folder, damage):
+    program("by")(scaled)(2.0, pair(), jnp.ones(3))
+    (file,) = folder.iterdir()
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2] if damage is None else damage)
+    check(program("by")(scaled)(2.0, pair(), jnp.ones(3)))
+    assert count("compiled") == 2
+    check(program("by")(scaled)(2.0, pair(), jnp.ones(3)))
+    assert count("loaded") == 1
+
+
+def test_the_folder_is_for_its_owner_alone(folder):
+    program("by")(scaled)(2.0, pair(), jnp.ones(3))
+    assert folder.stat().st_mode & 0o777 == 0o700
+    folder.chmod(0o755)
+    programs._folder.cache_clear()
+    with pytest.warns(UserWarning, match=str(folder)):
+        check(program("by")(scaled)(2.0, pair(), jnp.ones(3)))
+    assert (count("compiled"), count("loaded")) == (2, 0)
+
+
+def test_a_link_to_another_folder_is_not_followed(folder, tmp_path):
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    folder.symlink_to(tmp_path / "elsewhere")
+    with pytest.warns(UserWarning, match=str(folder)):
+        program("by")(scaled)(2.0, pair(), jnp.ones(3))
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_the_folder_does_not_grow_for_ever(folder, monkeypatch):
+    made = program("by")(scaled)
+    for number in range(4):
+        made(float(number), pair(), jnp.ones(3))
+    size = max(each.stat().st_size for each in folder.iterdir())
+    monkeypatch.setattr(programs, "MOST_BYTES", 2.5 * size)
+    made(9.0, pair(), jnp.ones(3))
+    assert len(list(folder.iterdir())) == 2
+    program("by")(scaled)(9.0, pair(), jnp.ones(3))
+    assert count("loaded") == 1  # the latest is there
+
+
+def test_training_from_python_compiles_two_programs_and_the_next_process_none(tmp_path):
+    said = """
+import jax, sidestep
+from sidestep.programs import counts
+compiled = []
+def listen(name, *_, **__):
+    if "backend_compile" in name:
+        compiled.append(name)
+jax.monitoring.register_event_duration_secs_listener(listen)
+small = sidestep.preset("default").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64, futures=4)
+run = sidestep.train(sidestep.scenario("paper-congested", side=3, crowded_nodes=1), small)
+print(len(compiled), dict(counts), run.model.q_network.value.weight.tolist())
+"""
+    home = {"SIDESTEP_CACHE": str(tmp_path / "programs")}
+    first, second = (
+        subprocess.run([sys.executable, "-c", said], env=os.environ | home, text=True, capture_output=True, check=True)
+        for _ in range(2)
+    )
+    done, learned = first.stdout.split("}")
+    read, again = second.stdout.split("}")
+    assert done == "2 {('compiled', 'prepare'): 1, ('compiled', 'train_round'): 1"
+    assert read == "0 {('loaded', 'prepare'): 1, ('loaded', 'train_round'): 1"
+    assert learned == again
