@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.types import EnvParams, Futures, Meant
+from sidestep.programs import program
 from sidestep.walking.crossing_time import crosser, crossing_time, exposure, slot_at
 from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
@@ -29,10 +30,11 @@ def as_expected(params: EnvParams) -> EnvParams:
     return with_mean_waits(replace(params, futures=futures))
 
 
-@partial(jax.jit, static_argnames="count")
-def _first(meant: Meant, count: int) -> tuple[Array, ...]:
+@program("count")
+def _first(meant: Meant, count: int) -> tuple[Array, Array, Array]:
     """Of the first futures; in one program."""
-    return tuple(each[:count] for each in meant)
+    destination, hour, phase = meant
+    return destination[:count], hour[:count], phase[:count]
 
 
 def cross(

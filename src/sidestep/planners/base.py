@@ -1,6 +1,7 @@
 """The planner protocol, and the one way in which all planners walk."""
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +18,7 @@ from sidestep.environment.dynamics import random_exit
 from sidestep.environment.rollout import Walk, walk
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.errors import SidestepError
+from sidestep.programs import program
 
 
 class Plan(eqx.Module):
@@ -164,9 +166,27 @@ class Planned:
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
 
-@partial(jax.jit, static_argnames=("decide", "trace", "alike"))
+@dataclass(frozen=True)
+class _Named:
+    """A decision by its place in the source: as text, by which a compiled program may be found again."""
+
+    module: str
+    name: str
+
+    @staticmethod
+    def of(decide: Any) -> Any:
+        """The place of a decision; itself if it has none of its own."""
+        named = _Named(getattr(decide, "__module__", ""), getattr(decide, "__qualname__", ""))
+        return named if named() is decide else decide
+
+    def __call__(self) -> DecideByPlan | None:
+        """The decision."""
+        return getattr(sys.modules.get(self.module), self.name, None)
+
+
+@program("decide", "trace", "alike")
 def _walk_all(
-    decide: DecideByPlan,
+    decide: "DecideByPlan | _Named",
     params: EnvParams,
     plan: Plan,
     instances: Instance,
@@ -175,8 +195,10 @@ def _walk_all(
     *,
     alike: bool,
 ) -> Walk:
+    choose: Any = decide() if isinstance(decide, _Named) else decide
+
     def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
-        return walk(params, partial(decide, plan.shared, own), instance, key, trace)
+        return walk(params, partial(choose, plan.shared, own), instance, key, trace)
 
     keys = jax.random.split(key, instances.origin.shape[0])
     if alike:  # one table for all walks, not a copy for each
@@ -217,7 +239,7 @@ def walk_plan(
     check_known(params, instances)
     walks = instances.origin.shape[0]
     alike = any(leaf.shape[0] < walks for leaf in jax.tree.leaves(plan.own))
-    return _walk_all(planner.decide, params, plan, instances, key, trace, alike=alike)
+    return _walk_all(_Named.of(planner.decide), params, plan, instances, key, trace, alike=alike)
 
 
 @checked(

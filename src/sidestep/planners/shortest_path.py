@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -13,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Plan, Planned
+from sidestep.programs import on_device, program
 
 
 class ShortestPath(Planned):
@@ -34,16 +34,12 @@ class ShortestPath(Planned):
         departures = np.stack([hour, np.asarray(instances.departure)], axis=1) * params.waits.gates
 
         def best_exits(destination: int, departure: Float[np.ndarray, "2"]) -> np.ndarray:
-            length = np.asarray(_metres_at(params, *departure))
+            length = np.asarray(_metres_at(params, *map(on_device, departure)))
             ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
-            valid = np.asarray(_exits_to(network, np.int32(destination)))
+            valid = np.asarray(_exits_to(network, on_device(destination, np.int32)))
             return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]
 
         return Plan(None, table_per_walk(best_exits, np.asarray(instances.destination), departures))
-
-
-_exits_to = jax.jit(RoadNetwork.exits_to)
-"""One program, where the rule alone would be many."""
 
 
 def metres_at(params: EnvParams, hour: Float[Array, ""], clock: Float[Array, ""]) -> Float[Array, " segment"]:
@@ -66,7 +62,13 @@ def metres_at(params: EnvParams, hour: Float[Array, ""], clock: Float[Array, ""]
     return params.network.length + params.free_speed * shut
 
 
-_metres_at = jax.jit(metres_at)
+_metres_at = program()(metres_at)
+
+
+@program()
+def _exits_to(network: RoadNetwork, destination: Int[Array, ""]) -> Bool[Array, "node exit"]:
+    """The rule of :meth:`RoadNetwork.exits_to`, in one program."""
+    return network.exits_to(destination)
 
 
 def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> Float[np.ndarray, " node"]:
@@ -87,7 +89,7 @@ def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> 
         Infinite where no path leads to the destination that a walk may take.
     """
     # Row by row, and then backwards: as a list of (head, tail, weight) SciPy would add up parallel segments.
-    taken = np.asarray(_exits_to(network, np.int32(destination)))
+    taken = np.asarray(_exits_to(network, on_device(destination, np.int32)))
     walked, first = np.asarray(network.exit_segment)[taken], np.append(0, taken.sum(axis=1).cumsum())
     weights, heads = weight[walked].astype(np.float64), np.asarray(network.head)[walked]
     graph = csr_array((weights, heads, first), shape=(network.nodes, network.nodes))

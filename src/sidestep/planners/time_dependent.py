@@ -19,6 +19,7 @@ from sidestep.environment.crossing import cross_at_speeds, with_mean_waits
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Plan, Planned
+from sidestep.programs import program
 from sidestep.walking.crossing_time import CrossingRule, leaving_clock
 from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.waits import Wait
@@ -197,7 +198,7 @@ def least_cost_path(params: EnvParams, field: SpeedsOrTimes, instance: Instance)
     return path
 
 
-@partial(jax.jit, static_argnames="foreseen")
+@program("foreseen")
 def _plan(
     params: EnvParams, instances: Instance, *, foreseen: bool
 ) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:

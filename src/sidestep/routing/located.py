@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Self
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -16,6 +15,7 @@ from sidestep.network.town import Town
 from sidestep.planners.base import Planner
 from sidestep.planners.reactive import Snapshot
 from sidestep.planners.shortest_path import ShortestPath
+from sidestep.programs import on_device, program
 from sidestep.routing.clocks import Clock
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.facts import End, SceneFacts, StreetMap
@@ -227,7 +227,7 @@ class LocatedInTown(Located):
     def pace(self) -> Float[Array, "segment step"] | None:
         """The same; pieces of streets are as slow as the whole ones."""
         whole = super().pace
-        return None if whole is None else _taken(whole, np.asarray(self.streets.parent, np.int32))
+        return None if whole is None else _taken(whole, on_device(self.streets.parent, np.int32))
 
     @property
     def nodes(self) -> int:
@@ -281,7 +281,7 @@ class LocatedInTown(Located):
         return named, directions(named), self.street_map(density)
 
 
-@jax.jit
+@program()
 def _taken(paces: Float[Array, "segment step"], segments: Int[Array, " piece"]) -> Float[Array, "piece step"]:
     """Paces of some segments."""
     return paces[segments]

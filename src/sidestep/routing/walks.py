@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeVar
 
 import jax
@@ -17,6 +16,7 @@ from sidestep.environment.types import EnvParams, Futures, Instance
 from sidestep.evaluation.metrics import spread
 from sidestep.planners.base import Plan, Planner, Route, routes_along, walk_plan
 from sidestep.planners.reactive import Snapshot
+from sidestep.programs import on_device, program
 from sidestep.routing.alternatives import alternatives
 from sidestep.routing.directions import Leg, crowding_word, mean_density, opening_word
 from sidestep.routing.located import Located
@@ -243,7 +243,7 @@ class Walker:
         while True:
             flow, after = self.located.scenario_map.flow, min(after, scenario.slots)
             found = walk(see_counts(scenario, flow, params, (first, after), forecasts=forecasts))
-            latest = departure + float(np.max(found.seconds))
+            latest = departure + float(np.asarray(found.seconds).max())
             if latest <= after * slot_seconds or after >= scenario.slots:
                 return found
             after += after - first
@@ -270,8 +270,8 @@ class Walker:
         length, expected, density = np.asarray(params.network.length), params.expected, self.density
         hour, number = self.located.hours[0], len(route.segments)
         padding = (0, -number % _LEGS_AT_ONCE)
-        segment, clock = np.pad(np.array(route.segments, np.int32), padding), np.pad(route.clocks[:number], padding)
-        found = jax.device_get(_crossed(params, segment, np.asarray(clock, np.float32)))
+        segment, clock = np.pad(route.segments, padding), np.pad(route.clocks[:number], padding)
+        found = jax.device_get(_crossed(params, on_device(segment, np.int32), on_device(clock)))
 
         def leg(segment: int, before: float, after: float, exposure: float, too_dense: float, shut: float) -> Leg:
             slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
@@ -295,21 +295,24 @@ def _looks_ahead(planner: Planner) -> bool:
     return planner.name != Snapshot.name
 
 
-@partial(jax.jit, static_argnames="count")
+@program("count")
 def _some(futures: Futures, count: int) -> Futures:
     return futures.first(count)
 
 
-@jax.jit
+@program()
 def _densities(expected: Speeds) -> Float[Array, "segment slot"]:
     """Persons/m² that are expected at the only hour."""
     return expected.of(jnp.int32(0)).known_density
 
 
-@jax.jit
-@partial(jax.vmap, in_axes=(None, 0, 0))
-def _crossed(params: EnvParams, segment: Int[Array, ""], clock: Float[Array, ""]) -> tuple[Array, Array, Array]:
+@program()
+def _crossed(params: EnvParams, segment: Int[Array, " leg"], clock: Float[Array, " leg"]) -> tuple[Array, Array, Array]:
     """Exposure on segments in the only future, whether it is too dense there, and seconds until they open."""
     future = jnp.int32(0)
-    met = cross(params, future, segment, clock).measures
-    return met["exposure"], jnp.asarray(met["too_dense"], float), params.gates_in(future)(segment, clock)
+
+    def one(segment: Array, clock: Array) -> tuple[Array, Array, Array]:
+        met = cross(params, future, segment, clock).measures
+        return met["exposure"], jnp.asarray(met["too_dense"], float), params.gates_in(future)(segment, clock)
+
+    return jax.vmap(one)(segment, clock)

@@ -26,6 +26,7 @@ from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import Snapper
 from sidestep.network.town import Town, TownError
+from sidestep.programs import on_device
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS
 from sidestep.scenarios.places import Counters, CrowdTable, Sensor, Venue
 from sidestep.scenarios.spec import ScenarioError
@@ -189,8 +190,8 @@ def _counted(venue: Venue, source: Counters, snapper: Snapper, network: RoadNetw
     # Each person who passes in an hour is on a given metre of street for 1 / FREE_SPEED seconds.
     per_count = venue.crowding / (HOUR * FREE_SPEED * np.asarray(network.width)[segment])
     weights = interpolation_weights(network, segment, source.reach)
-    flow = SensorFlow(model, weights, jax.device_put(per_count.astype(np.float32)), slot_seconds, uneven=source.uneven)
-    return flow, replace(flow, record=jax.device_put(record)), tuple(names * streets)
+    flow = SensorFlow(model, weights, on_device(per_count), slot_seconds, uneven=source.uneven)
+    return flow, replace(flow, record=on_device(record)), tuple(names * streets)
 
 
 def _on_several_streets(

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Key
 
 from sidestep.crowds.base import FlowModel
 from sidestep.network.graph import RoadNetwork
+from sidestep.programs import program
 from sidestep.scenarios.maps import ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
 from sidestep.walking.crossing_time import CrossingRule, mean_crossing_times
@@ -147,6 +148,6 @@ def expected_pace(scenario: Scenario, scenario_map: ScenarioMap, hour: float) ->
     return None if expectation.is_certain else _pace(expectation)
 
 
-@jax.jit
+@program()
 def _pace(expectation: Expectation) -> Float[Array, "segment step"]:
     return expectation.pace(expectation.hours)[0]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -32,6 +31,7 @@ from sidestep.environment.types import (
     futures_in_turn,
 )
 from sidestep.network.graph import RoadNetwork
+from sidestep.programs import on_device, program
 from sidestep.scenarios.episodes import MOST_NUMBERED, NODES, check_nodes, destinations_of
 from sidestep.scenarios.expectation import Crowds, Expectation
 from sidestep.scenarios.maps import A_MAP, PURPOSES, Purpose, ScenarioMap, purpose_key
@@ -138,29 +138,30 @@ def make_environment(
         raise ScenarioError(f"{said}, not {len(hours)}", field="hours")
     hours = scenario.place.departure_hours(len(nodes), part * futures) if hours is None else hours
     objective = objective_of(scenario.objective)
-    horizon = jax.device_put(np.float32(scenario.horizon))
-    rest: dict[str, Any] = {"horizon": horizon, "reward": reward_of(scenario.reward)}
-    rest |= {"objective": objective, "waits": scenario_map.waits, "free_speed": scenario.walker.free_speed}
+    rule, network, free_speed = scenario.rule, scenario_map.network, scenario.walker.free_speed
+    rest = {"horizon": on_device(scenario.horizon), "reward": reward_of(scenario.reward)}
+    rest |= {"objective": objective, "waits": scenario_map.waits}
     drawn, expected, known = _environment(
         Crowds.of(scenario, scenario_map.flow_for(purpose)),
         Crowds.of(scenario, scenario_map.flow),
         purpose_key(scenario_map, purpose, part),
         purpose_key(scenario_map, "expect"),
-        np.asarray(hours, np.float32),
-        np.asarray(nodes, np.int32),
+        on_device(hours),
+        on_device(nodes, np.int32),
         futures=futures,
         samples=samples,
         pace=pace,
         costs=costs,
         densities=densities or objective.needs_density,
         level=level,
-        rule=scenario.rule,
-        network=scenario_map.network,
-        **rest,
+        network=network,
+        rule=rule,
+        free_speed=free_speed,
+        rest=rest,
     )
     # Only what was worked out is returned: streets and waits would be copied.
-    rule, network = scenario.rule, scenario_map.network
-    return EnvParams(network, drawn, expected, cost_to_go=known, level=level, rule=rule, **rest)
+    given: dict[str, Any] = {"level": level, "rule": rule, "free_speed": free_speed, **rest}
+    return EnvParams(network, drawn, expected, cost_to_go=known, **given)
 
 
 def sample_futures(
@@ -257,7 +258,7 @@ def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among
     return (first + jnp.arange(futures)) % min(among or params.futures.count, params.futures.count)
 
 
-@partial(jax.jit, static_argnames=("futures", "samples", "costs", "densities", "level", "rule", "free_speed"))
+@program("futures", "samples", "costs", "densities", "level", "rule", "free_speed")
 def _environment(
     crowds: Crowds,
     learned: Crowds,
@@ -274,12 +275,14 @@ def _environment(
     level: Information,
     network: RoadNetwork,
     rule: CrossingRule,
-    **rest: Any,
+    free_speed: float,
+    rest: dict[str, Any],
 ) -> tuple[Futures, Speeds, ExpectedCostToGo | None]:
     """Futures, what is expected, and from level ``map`` on the costs of getting to the destinations."""
     expectation = Expectation(learned, network, key_of_expected, hours, rule, samples, densities)
     expected = expectation.speeds(pace=pace)
-    params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, rule=rule, **rest)
+    given: dict[str, Any] = {"level": level, "rule": rule, "free_speed": free_speed, **rest}
+    params = EnvParams(network, futures_in_turn(expected, hours), expected, **given)
     if level in ("map", "live"):
         nothing = jnp.zeros((len(destinations), network.nodes), bool)
         where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)
@@ -320,7 +323,7 @@ def _live_cost_to_go(
     return live_cost_to_go(params, field.counted, ahead, slots, forecasts=forecasts)
 
 
-@partial(jax.jit, static_argnames=("kept", "forecasts"))
+@program("kept", "forecasts")
 def _with_counts(
     crowds: Crowds,
     params: EnvParams,

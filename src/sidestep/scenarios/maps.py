@@ -21,7 +21,7 @@ from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.parts import TownPart
 from sidestep.network.snapping import Snapper, SplitStreets
-from sidestep.programs import on_device
+from sidestep.programs import on_device, program
 from sidestep.scenarios.crowd_sources import HOUR, check_crowds, crowds_of
 from sidestep.scenarios.grids import on_grids
 from sidestep.scenarios.model import A_SCENARIO, Scenario
@@ -81,9 +81,9 @@ class ScenarioMap(eqx.Module):
         ScenarioMap
             Its nodes and segments have the numbers of ``streets``.
         """
-        fraction = np.asarray(streets.fraction, np.float32)
+        parent, fraction = on_device(streets.parent, np.int32), on_device(streets.fraction)
         flow, waits, pace = _pieces(
-            self.flow, self.waits, self.network.pace, streets.parent, fraction, streets.begins_at_crossing
+            self.flow, self.waits, self.network.pace, parent, fraction, on_device(streets.begins_at_crossing, np.bool_)
         )
         network = replace(streets.network, pace=pace)
         return ScenarioMap(network, flow, flow, self.key, (network.nodes,), self.sensors, waits=waits)
@@ -213,9 +213,9 @@ def _venue_map(venue: Venue, walker: Walker, slot_seconds: float, law: Law) -> S
     if part.left_out:
         whole = _on_part(whole, part)
     if (pace := walker.paces(part.town)) is not None:
-        whole = replace(whole, network=replace(whole.network, pace=jax.device_put(pace)))
+        whole = replace(whole, network=replace(whole.network, pace=on_device(pace)))
     if (lifts := walker.lift_waits(part.town)) is not None:
-        whole = replace(whole, waits=whole.waits.with_fixed(jax.device_put(lifts)))
+        whole = replace(whole, waits=whole.waits.with_fixed(on_device(lifts)))
     origins, destinations = (ends_of(venue, walker, name) for name in ENDS)
     return replace(whole, origins=origins, destinations=destinations)
 
@@ -238,7 +238,7 @@ def _on_part(whole: ScenarioMap, part: TownPart) -> ScenarioMap:
     return replace(whole, network=part.town.network(), flow=flow, test_flow=test_flow, waits=waits)
 
 
-@jax.jit  # of all arrays at once: one by one, each costs a millisecond
+@program()  # of all arrays at once: one by one, each costs a millisecond
 def _pieces(
     flow: FlowModel,
     waits: AnyWaits,
@@ -330,10 +330,10 @@ def mistakes(venue: Venue, walker: Walker) -> list[Fault]:
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose, part: int = 0) -> Key[Array, ""]:
     """The random stream of one purpose on one map; ``part`` numbers independent streams within it."""
     numbers = (PURPOSES.index(purpose), part) if part else (PURPOSES.index(purpose),)
-    return _folded(scenario_map.key, np.array(numbers, np.uint32))
+    return _folded(scenario_map.key, on_device(numbers, np.uint32))
 
 
-@jax.jit
+@program()
 def _folded(key: Key[Array, ""], numbers: UInt32[Array, " n"]) -> Key[Array, ""]:
     """A key with some numbers folded into it, one after the other."""
     for number in numbers:
