@@ -417,7 +417,9 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         raise KnowledgeError(f"{said}; give it to make_environment among the destinations", field="destinations")
     if params.level == "live":
         known_live_cost_to_go(params)
-    elif params.expected.count == 1 and not params.waits.gates:
+    elif known_cost_to_go(params).table.shape[-2] < params.expected.slots:
+        raise KnowledgeError(f"{_TOO_LOW} map: costs were not worked out; leave out costs=False", field="level")
+    if params.level == "map" and params.expected.count == 1 and not params.waits.gates:
         return
     wrong = np.flatnonzero(number != np.asarray(params.futures.destination)[future])
     if len(wrong):

@@ -27,6 +27,8 @@ from sidestep.scenarios.maps import purpose_key
 from sidestep.walking.expected_times import Speeds
 
 T = TypeVar("T", Route, Walk)
+FIRST_SLOTS = 4
+"""Slots whose counts are shown where nobody knows how long a walk takes."""
 LONGER = 1.5
 """Seconds for each of the walk by expected times, in which others may take: counts of slots within them are shown to
 planners that see all counts, and of twice as many where somebody takes longer."""
@@ -167,7 +169,7 @@ class Walker:
                     return route
                 trace *= 8  # it may go on
 
-        return self._informed(planner, self.alone, 0.0, whole)
+        return self._informed(planner, self.alone, FIRST_SLOTS * self.located.scenario.slot_seconds / LONGER, whole)
 
     def walk(self, planner: Planner, futures: int, seconds: float) -> Walks:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""

@@ -5,6 +5,7 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Key
 
 from sidestep.crowds.base import FlowModel
@@ -143,7 +144,7 @@ def expected_pace(scenario: Scenario, scenario_map: ScenarioMap, hour: float) ->
         As :func:`sidestep.scenarios.futures.make_environment` takes them; None where crowds come as they are expected.
     """
     key, crowds = purpose_key(scenario_map, "expect"), Crowds.of(scenario, scenario_map.flow)
-    hours = on_device([hour])
+    hours = on_device(np.array([hour]))
     expectation = Expectation(crowds, scenario_map.network, key, hours, scenario.rule, None, densities=False)
     return None if expectation.is_certain else _pace(expectation)
 

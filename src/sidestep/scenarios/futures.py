@@ -146,7 +146,7 @@ def make_environment(
         Crowds.of(scenario, scenario_map.flow),
         purpose_key(scenario_map, purpose, part),
         purpose_key(scenario_map, "expect"),
-        on_device(hours),
+        on_device(np.array(hours)),
         on_device(nodes, np.int32),
         futures=futures,
         samples=samples,

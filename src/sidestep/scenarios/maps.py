@@ -330,7 +330,7 @@ def mistakes(venue: Venue, walker: Walker) -> list[Fault]:
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose, part: int = 0) -> Key[Array, ""]:
     """The random stream of one purpose on one map; ``part`` numbers independent streams within it."""
     numbers = (PURPOSES.index(purpose), part) if part else (PURPOSES.index(purpose),)
-    return _folded(scenario_map.key, on_device(numbers, np.uint32))
+    return _folded(scenario_map.key, on_device(np.array(numbers), np.uint32))
 
 
 @program()
