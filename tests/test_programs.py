@@ -13,7 +13,7 @@ import pytest
 from jaxtyping import Array, Float, Key
 
 from sidestep import programs
-from sidestep.programs import QUICK, program
+from sidestep.programs import program
 
 
 class Pair(eqx.Module):
@@ -58,11 +58,11 @@ def check(made: Pair) -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_a_program_is_compiled_once_and_read_ever_after():
-    first = program("by", options=QUICK)(scaled)
+    first = program("by", quick=lambda **_: True)(scaled)
     for _ in range(2):
         check(first(2.0, pair(), jnp.ones(3)))
     assert (count("compiled"), count("loaded")) == (1, 0)
-    again = program("by", options=QUICK)(scaled)
+    again = program("by", quick=lambda **_: True)(scaled)
     assert again.shapes(2.0, pair(), jnp.ones(3)).one.shape == (3,)
     assert count("loaded") == 0  # shapes are told without the program
     check(again(2.0, pair(), jnp.ones(3)))
@@ -74,7 +74,7 @@ def test_static_arguments_shapes_trees_and_options_make_other_programs(folder):
     one(2.0, pair(), jnp.ones(3))
     for arguments in ((3.0, pair(), jnp.ones(3)), (2.0, pair(4), jnp.ones(4)), (2.0, pair(name="b"), jnp.ones(3))):
         one(*arguments)
-    program("by", options=QUICK)(scaled)(2.0, pair(), jnp.ones(3))
+    program("by", quick=lambda **_: True)(scaled)(2.0, pair(), jnp.ones(3))
     assert (count("compiled"), count("loaded")) == (5, 0)
     assert len(list(folder.iterdir())) == 5
 

@@ -34,7 +34,7 @@ P = ParamSpec("P")
 Made = TypeVar("Made")
 
 QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
-"""Options of the compiler for programs that do not run for long: it takes two thirds of the time on a CPU."""
+"""Options of the compiler on a CPU for programs that do not run for long."""
 FOLDER = "SIDESTEP_CACHE"
 """Environment variable that names the folder of compiled programs; empty for none."""
 MOST_BYTES = 2**29
@@ -61,13 +61,13 @@ class Program(Generic[P, Made]):
         function: Callable[P, Made],
         static: tuple[str, ...] = (),
         donate: tuple[str, ...] = (),
-        options: dict[str, Any] | None = None,
+        quick: Callable[..., bool] = lambda **_: False,
         files: Callable[..., tuple[str, ...]] = lambda **_: (),
     ) -> None:
         update_wrapper(self, function)
         self._function, self._static, self._donate = function, static, donate
         self._name = function.__qualname__
-        self._options, self._files = options or {}, files
+        self._quick, self._files = quick, files
         self._signature = inspect.signature(function)
         self._jitted = jax.jit(function, static_argnames=static, donate_argnames=donate)
         self._variants: OrderedDict[Any, _Variant] = OrderedDict()
@@ -94,6 +94,10 @@ class Program(Generic[P, Made]):
         """Load or compile what a call needs; arguments may be shapes and types."""
         self._variant(*self._sorted(*args, **kwargs)).executable()
 
+    def clear(self) -> None:
+        """Forget what is in memory."""
+        self._variants.clear()
+
     def _sorted(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Any], Any, list[Any]]:
         """Static arguments by name, and the tree and leaves of the others."""
         bound = self._signature.bind(*args, **kwargs)
@@ -112,7 +116,7 @@ class Program(Generic[P, Made]):
             if found is None:
                 if len(self._variants) == _IN_MEMORY:
                     self._variants.popitem(last=False)
-                options = self._options if jax.default_backend() == "cpu" else {}
+                options = QUICK if self._quick(**static) and jax.default_backend() == "cpu" else {}
                 told = repr((static, tree, types, self._donate, read, options))
                 donated = _places(tree, self._donate)
                 function = partial(self._function, **static)
@@ -138,7 +142,7 @@ def on_device(values: ArrayLike, dtype: type[np.generic] = np.float32) -> jax.Ar
 def program(
     *static: str,
     donate: tuple[str, ...] = (),
-    options: dict[str, Any] | None = None,
+    quick: Callable[..., bool] = lambda **_: False,
     files: Callable[..., tuple[str, ...]] = lambda **_: (),
 ) -> Callable[[Callable[P, Made]], Program[P, Made]]:
     """Make a :class:`Program` of a function.
@@ -150,17 +154,18 @@ def program(
         is no literal, as that of a function, the program is kept in memory only.
     donate
         Names of arguments that are used up.
-    options
-        Of the compiler, on a CPU.
+    quick
+        Says of the static arguments, which are given by name, whether the program takes less time than its compilation.
+        Then it is compiled in two thirds of that time, on a CPU; long loops of small steps it may make slower.
     files
-        Picks the names of files that the function reads out of the static arguments, which are given by name.
+        Picks the names of files that the function reads out of the static arguments, as well by name.
 
     Returns
     -------
     Callable
         A decorator of the function.
     """
-    return lambda function: Program(function, static, donate, options, files)
+    return lambda function: Program(function, static, donate, quick, files)
 
 
 class _Variant:

@@ -142,6 +142,15 @@ def test_models_from_before_there_were_walkers_learned_for_the_adult(saved, tmp_
         assert found.metadata.scenario.walker == ADULT
 
 
+def test_models_from_before_replays_were_packed_are_read_and_their_trainings_refused(saved, tmp_path):
+    for name in ("checkpoint.eqx", "model.eqx"):
+        change(saved[0], tmp_path, name, lambda head, numbers: whole(head | {"format": 5}, numbers))
+    assert eqx.tree_equal(checkpoint.load_model(tmp_path).q_network, saved[1].model.q_network)
+    with pytest.raises(CheckpointError) as caught:
+        checkpoint.load(tmp_path)
+    assert caught.value.field == "format"
+
+
 # --- What cannot be read --------------------------------------------------------------------------------------------
 
 BOTH = pytest.mark.parametrize(
@@ -178,8 +187,8 @@ def edited(header, part, **changes):
         (None, lambda header, numbers: whole(header, b"\0" * len(numbers))),
         ("format", lambda head, nums: whole(head | {"format": 0}, nums)),
         ("format", lambda head, nums: whole(head | {"format": 4}, nums)),
-        ("format", lambda head, nums: whole(head | {"format": 6}, nums)),
-        ("format", lambda head, nums: whole(head | {"format": "5"}, nums)),
+        ("format", lambda head, nums: whole(head | {"format": 7}, nums)),
+        ("format", lambda head, nums: whole(head | {"format": "6"}, nums)),
         ("format", lambda _, numbers: numbers),
         ("format", lambda *_: b""),
         ("format", lambda *_: b"[]\n"),

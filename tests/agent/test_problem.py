@@ -72,7 +72,7 @@ def test_in_towns_fresh_futures_are_others_at_the_same_sensors() -> None:
     town = scenario("helsinki", horizon=1200.0, departures=(0.0, 300.0))
     here = draw_map(town, 1)
     config = preset("default", "local").changed(destinations=2, futures=4, fresh_futures=2, test_walks=3)
-    params = problem.pose(config, town, here).params
+    params = problem.pose(config, town, here)[0].params
     with ThreadPoolExecutor(1) as executor:
         _, after = islice(problem.renewed(config.changed(rounds=2), town, here, params, 0, executor), 2)
     before, new = (each.futures.speeds.crowds for each in (params, after))
@@ -92,7 +92,7 @@ def test_futures_reach_as_far_as_walks_are_likely_to_last() -> None:
     here = draw_map(day, 6)
     # 2 + 2 streets of 200 m, 800 m at 1.16 m/s are 690 s; three times that is 2,069 s, in slots of 300 s.
     config = preset("default").changed(futures=4, futures_reach=3.0, fresh_futures=2, test_walks=3, rounds=2)
-    params = problem.pose(config, day, here).params
+    params = problem.pose(config, day, here)[0].params
     assert params.futures.speeds.speed.shape == (7, 24, 7)
     assert float(params.horizon) == day.horizon  # walks go on
     with ThreadPoolExecutor(1) as executor:
@@ -100,7 +100,7 @@ def test_futures_reach_as_far_as_walks_are_likely_to_last() -> None:
     assert after.futures.speeds.speed.shape == (7, 24, 7)
     # Not beyond the horizon, and without a limit up to it.
     for reach in (0.0, 1e6):
-        shapes = jax.eval_shape(
+        shapes, _ = jax.eval_shape(
             lambda here, reach=reach: problem.pose(config.changed(futures_reach=reach), SMALL, here), here
         )
         assert shapes.params.futures.speeds.speed.shape == (7, 24, 12)

@@ -8,7 +8,7 @@ import pytest
 
 from sidestep.agent.layers import Linear
 from sidestep.agent.presets import PRESETS, preset
-from sidestep.agent.q_networks import DuelingQNetwork, QTable, dueling_network, untrained
+from sidestep.agent.q_networks import DuelingQNetwork, QNetwork, QTable, dueling_network, tabulated, untrained
 from sidestep.agent.segment_network import SegmentQNetwork
 from sidestep.environment.types import Observation
 from sidestep.network.graph import RoadNetwork
@@ -175,3 +175,21 @@ def test_configurations_have_the_network_that_they_ask_for(grid: RoadNetwork) ->
     assert local.places is not None
     assert local.places.table.shape == (97, 36, 8)
     assert untrained(preset("default", "live"), problem, grid, key).places is None
+
+
+def test_a_table_of_a_network_is_the_same_function_with_the_same_gradient(grid: RoadNetwork) -> None:
+    node = jnp.array([4, 0, 8, 4])
+    seen = jax.tree.map(lambda leaf: leaf[node], everywhere(grid))
+
+    def loss(q_network: QNetwork) -> jax.Array:
+        return jnp.sum(jnp.where(seen.valid, jax.vmap(q_network)(seen), 0.0) ** 2)
+
+    def of_table(q_network: QNetwork) -> jax.Array:
+        return loss(tabulated(q_network, grid, jnp.int32(35)))
+
+    q_network = network_for(grid, "default")
+    (one, slope), (other, by_table) = (
+        eqx.filter_jit(eqx.filter_value_and_grad(each))(q_network) for each in (loss, of_table)
+    )
+    assert float(one) == pytest.approx(float(other))
+    assert eqx.tree_equal(slope, by_table, rtol=1e-4, atol=1e-4)

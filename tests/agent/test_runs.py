@@ -12,8 +12,9 @@ import pytest
 from sidestep.agent import checkpoint, problem
 from sidestep.agent.checkpoint import CheckpointError
 from sidestep.agent.config import TrainConfigError
-from sidestep.agent.presets import preset
+from sidestep.agent.presets import preset, preset_for
 from sidestep.agent.runs import TrainingRun, train
+from sidestep.agent.train import prepare, train_round
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.spec import ScenarioError
@@ -108,6 +109,8 @@ def test_the_same_run_again_compiles_nothing(straight: Straight, caplog: pytest.
     after_each: list[list[str]] = []
     # Without its compiled programs, so that the first round has to compile, as in a new process.
     jax.clear_caches()
+    for program in (prepare, train_round):
+        program.clear()
     with caplog.at_level(logging.WARNING), jax.log_compiles():
         run = train(PROBLEM, CONFIG, seed=4, index=2, on_round=lambda _: after_each.append(compiled()))
         assert after_each[0]  # or nothing is seen
@@ -205,3 +208,35 @@ def test_what_cannot_be_learned_is_refused_before_anything_is_written(tmp_path: 
     with pytest.raises(TrainConfigError):
         train(PROBLEM, CONFIG.changed(rounds=0), out=out)
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("curve", "patience", "finished"),
+    [
+        ([1.0, 1.0, 1.0], 2, True),
+        ([1.0, 1.0, 1.0], 3, False),  # too few rounds
+        ([2.0, 1.0, 1.0], 2, False),
+        ([1.0, 1.0, 1.0], 0, False),  # never early
+        ([60.0, 60.0, 60.0], 2, False),  # an hour is the horizon: it did not arrive
+        ([4.0, 3.0, 2.0, 1.0], 0, True),  # all rounds
+    ],
+)
+def test_training_is_over_when_walks_have_settled(curve: list[float], patience: int, finished: bool) -> None:
+    walks = tuple((minutes, 1.0) for minutes in curve)
+    told = checkpoint.Metadata(
+        scenario=PROBLEM, seed=0, map=0, config=CONFIG.changed(patience=patience), curve=walks, fingerprint=""
+    )
+    assert told.finished == finished
+
+
+def test_training_ends_early_and_does_not_go_on(tmp_path: Path) -> None:
+    certain = scenario("paper-congested", side=3, crowded_nodes=1, flows="forecast")
+    config = preset_for(certain, "default").changed(rounds=40, round_steps=160, walkers=16, batch=16, capacity=640)
+    assert config.patience > 0
+    run = train(certain, config.changed(patience=3), out=tmp_path / "out")
+    assert len(run.metadata.curve) < 40
+    assert len(set(run.metadata.curve[-4:])) == 1
+    assert len(checkpoint.load(tmp_path / "out").metadata.curve) == len(run.metadata.curve)
+    with pytest.raises(CheckpointError) as error:
+        train(certain, config.changed(patience=3), out=tmp_path / "out", resume=True)
+    assert error.value.field == "rounds"

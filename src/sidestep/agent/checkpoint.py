@@ -24,9 +24,11 @@ from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.spec import faults
 
-FORMAT: Literal[5] = 5
 MODEL = "model.eqx"
 CHECKPOINT = "checkpoint.eqx"
+FORMAT: Literal[6] = 6
+READ = {MODEL: (5, FORMAT), CHECKPOINT: (FORMAT,)}
+"""Formats that each file may have: 6 packs the replay, of which a model has none."""
 Tree = TypeVar("Tree")
 
 
@@ -39,7 +41,7 @@ class Metadata(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    format: Literal[5] = FORMAT
+    format: Literal[5, 6] = FORMAT
     """Of the files; other versions of the program may have others."""
     scenario: Scenario
     seed: int
@@ -51,6 +53,13 @@ class Metadata(BaseModel):
     """Minutes of the greedy test walks, round by round."""
     fingerprint: str
     """Of the streets and crowds that were learned."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether the training is over: all rounds are done, or the test walks have settled."""
+        patience, latest = self.config.patience, self.curve[-1 - self.config.patience :]
+        settled = 0 < patience < len(latest) and len(set(latest)) == 1
+        return len(self.curve) >= self.config.rounds or (settled and max(latest[-1]) < self.scenario.horizon / 60)
 
 
 @dataclass(frozen=True)
@@ -215,7 +224,7 @@ def _read(folder: Path, name: str, template: Callable[[Metadata], Tree]) -> tupl
         raise CheckpointError(f"no model in {folder}: cannot read {name} ({reason(error)})", field=name) from error
     with file:
         header = file.readline()
-        _check_format(path, header)
+        _check_format(path, header, READ[name])
         try:
             metadata = Metadata.model_validate_json(header)
             return metadata, eqx.tree_deserialise_leaves(file, template(metadata))
@@ -228,14 +237,14 @@ def _read(folder: Path, name: str, template: Callable[[Metadata], Tree]) -> tupl
             raise CheckpointError(f"{path} is damaged or cut short: {error or type(error).__name__}") from error
 
 
-def _check_format(path: Path, header: bytes) -> None:
+def _check_format(path: Path, header: bytes, known: tuple[int, ...]) -> None:
     try:
         version = json.loads(header)["format"]
     except (ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{path} is not a Sidestep model, or its beginning is damaged", field="format") from error
-    if version != FORMAT:
+    if version not in known:
         raise CheckpointError(
-            f"{path} has model format {version}, and this version reads format {FORMAT} only; train the model again",
+            f"{path} has model format {version}, and this version reads format {FORMAT}; train the model again",
             field="format",
         )
 

@@ -134,6 +134,9 @@ class TrainConfig(Spec):
     """Error, in units of reward, beyond which losses grow linearly instead of by the square; 0 is never."""
     test_walks: Count = 10
     """Greedy walks after every round, as in the paper."""
+    patience: CountFrom0 = 0
+    """Rounds after which training ends early if all of their test walks took as long as those before, to the bit, and
+    arrived; 0 trains all rounds."""
     correction_margin_seconds: NonNegative = 0.0
     """Deployed and in test walks: leave the exit that the level's estimate prefers only for one whose learned value is
     better by more than this."""

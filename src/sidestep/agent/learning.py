@@ -1,5 +1,6 @@
 """How the Q-network learns: temporal-difference errors of a batch, their loss, the optimiser, the target network."""
 
+from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
@@ -62,6 +63,7 @@ def learn(
     replay: Replay[Transition],
     iteration: Int[Array, ""],
     draws: Float[Array, " batch"],
+    evaluated: Callable[[QNetwork], QNetwork] = lambda q_network: q_network,
 ) -> tuple[Learner, Replay[Transition], Float[Array, ""]]:
     """Take one gradient step on a batch of the replay, and move the target network when its time has come.
 
@@ -75,6 +77,8 @@ def learn(
         Gradient steps that have been taken before.
     draws
         Uniform numbers that choose the batch.
+    evaluated
+        Makes the same function of a network, quicker to call many times.
 
     Returns
     -------
@@ -92,7 +96,8 @@ def learn(
     index, batch, weight = sample(replay, draws, config.beta)
 
     def loss(q_network: QNetwork) -> tuple[Float[Array, ""], Float[Array, " batch"]]:
-        error = jax.vmap(partial(td_error, config, q_network, learner.target))(batch)
+        online, target = map(evaluated, (q_network, learner.target))
+        error = jax.vmap(partial(td_error, config, online, target))(batch)
         # Twice the Huber loss is the square, as far as it goes.
         losses = 2 * optax.huber_loss(error, delta=config.huber) if config.huber else error**2
         return jnp.mean(weight * losses), error

@@ -10,6 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from sidestep.agent.config import TrainConfig
+from sidestep.agent.q_networks import QNetwork, tabulated
 from sidestep.environment.types import EnvParams, Instance
 from sidestep.scenarios.episodes import InstanceSampler, destinations_of, instances, sampler
 from sidestep.scenarios.futures import make_environment, replace_futures, sample_futures
@@ -25,6 +26,25 @@ class Problem(eqx.Module):
     """Walks to learn from."""
     tests: Instance
     """Greedy test walks, through futures of their own."""
+
+    def evaluated(self, config: TrainConfig, q_network: QNetwork) -> QNetwork:
+        """Evaluate a network once where all walkers who are at the same node observe the same.
+
+        An iteration evaluates it on three batches otherwise, which takes longer on all but large maps.
+
+        Parameters
+        ----------
+        config, q_network
+            The walkers' level and the size of a batch, and what is evaluated.
+
+        Returns
+        -------
+        QNetwork
+            The same function of the observations of this problem: a table, or the network itself.
+        """
+        if config.level != "position" or self.params.network.nodes > 2 * config.batch:
+            return q_network
+        return tabulated(q_network, self.params.network, self.sampler.destinations[0, 0])
 
 
 def pose(config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap) -> tuple[Problem, InstanceSampler]:

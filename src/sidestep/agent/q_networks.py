@@ -5,7 +5,7 @@ import itertools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.layers import Linear, combine, uniform_layers
@@ -99,6 +99,26 @@ def dueling_network(config: TrainConfig, network: RoadNetwork, key: Key[Array, "
     shapes = [*itertools.pairwise(widths), (widths[-1], 1), (widths[-1], network.exits)]
     *trunk, value, advantage = uniform_layers(shapes, key)
     return DuelingQNetwork(offset, scale, tuple(trunk), value, advantage, crossings, config.unit, config.dueling)
+
+
+def tabulated(q_network: QNetwork, network: RoadNetwork, destination: Int[Array, ""]) -> QTable:
+    """Evaluate a network at every node, for walkers who observe nothing else (level ``position``).
+
+    Parameters
+    ----------
+    q_network
+        A function of the position alone.
+    network, destination
+        The streets, and where walks end.
+
+    Returns
+    -------
+    QTable
+        The same function, with the same gradient.
+    """
+    nodes = jnp.arange(network.nodes)
+    everywhere = jax.vmap(Observation)(nodes, network.position, network.exits_to(destination), jnp.zeros_like(nodes))
+    return QTable(jax.vmap(q_network)(everywhere))
 
 
 def untrained(config: TrainConfig, scenario: Scenario, network: RoadNetwork, key: Key[Array, ""]) -> QNetwork:

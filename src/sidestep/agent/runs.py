@@ -160,10 +160,12 @@ def train(
         first, done = min(first, at), len(curve) - before
         rate = (done - 1) / (at - first) if done > 1 else 1 / (at - began)  # rounds per second
         run = TrainingRun(metadata, now, at - began, rate * config.round_steps, rate * config.iterations, folder=out)
-        if out is not None and (len(curve) == config.rounds or at - saved > SAVE_SECONDS):
+        if out is not None and (metadata.finished or at - saved > SAVE_SECONDS):
             save(run, out)
             saved = perf_counter()
         on_round(run)
+        if metadata.finished:
+            break
     return run
 
 
@@ -190,8 +192,8 @@ def _resumed(folder: Path, wanted: Metadata) -> tuple[Metadata, TrainState]:
             words = f"another {name}" if name == "scenario" else f"{name} {old[name]}, not {new[name]}"
             said = f"the training in {folder} has {words}; it cannot go on: ask for the same, or --overwrite it"
             raise CheckpointError(said, field=name)
-    rounds = wanted.config.rounds
-    if len(found.metadata.curve) >= rounds:
+    if found.metadata.finished:
+        rounds = len(found.metadata.curve)
         said = f"the model in {folder} has been trained to the end, {rounds} rounds; use it, or --overwrite it"
         raise CheckpointError(said, field="rounds")
     return found.metadata, found.state

@@ -19,7 +19,7 @@ from sidestep.agent.problem import Problem, pose, renewed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.replay import Replay, add, empty_replay
 from sidestep.environment.rollout import walk
-from sidestep.programs import QUICK, program
+from sidestep.programs import program
 from sidestep.scenarios.episodes import DRAWS, InstanceSampler
 from sidestep.scenarios.maps import ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
@@ -87,7 +87,13 @@ def training_rounds(
             yield state, report
 
 
-@program("config", "scenario", options=QUICK, files=lambda scenario, **_: scenario.place.files)
+def _brief(config: TrainConfig, **_: object) -> bool:
+    """Whether a training takes less time than its compilation."""
+    # One walker a step, as the paper has it, would take twice as long.
+    return config.level == "position" and config.walkers > 1
+
+
+@program("config", "scenario", quick=_brief, files=lambda scenario, **_: scenario.place.files)
 def prepare(
     config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap
 ) -> tuple[Problem, InstanceSampler, TrainState]:
@@ -106,7 +112,7 @@ def start(config: TrainConfig, scenario: Scenario, problem: Problem, scenario_ma
     return TrainState(learner, replay, walkers, jnp.int32(0), key, best=q_network, best_minutes=jnp.float32(jnp.inf))
 
 
-@program("config", donate=("state",), options=QUICK)
+@program("config", donate=("state",), quick=_brief)
 def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tuple[TrainState, RoundReport]:
     """Train for one round: ``round_steps`` steps, a gradient step for each ``walkers`` of them, then the test walks.
 
@@ -134,7 +140,7 @@ def train_round(config: TrainConfig, problem: Problem, state: TrainState) -> tup
     draws = jax.random.uniform(now, (config.iterations, config.walkers * ACTING_DRAWS + config.batch))
     state, losses = jax.lax.scan(partial(_iterate, config, problem), replace(state, key=key), draws)
     q_network = _mean(config, state) if config.keep == "mean" else state.learner.q_network
-    policy = deployed(config, q_network, problem.params.reward.unit_seconds)
+    policy = deployed(config, problem.evaluated(config, q_network), problem.params.reward.unit_seconds)
     tested = jax.vmap(lambda test: walk(problem.params, policy, test, key))(problem.tests)
     minutes = tested.cost / 60
     mean = jnp.mean(minutes)
@@ -158,8 +164,9 @@ def _iterate(
 ) -> tuple[TrainState, Float[Array, ""]]:
     """One step of every walker and one gradient step."""
     for_walkers, for_batch = draws[: -config.batch].reshape(config.walkers, -1), draws[-config.batch :]
-    policy = Policy(state.learner.q_network)
+    evaluated = partial(problem.evaluated, config)
+    policy = Policy(evaluated(state.learner.q_network))
     walkers, transitions = act(config, problem, policy, state.walkers, state.iteration, for_walkers)
     replay = add(state.replay, transitions, config.walkers)
-    learner, replay, loss = learn(config, state.learner, replay, state.iteration, for_batch)
+    learner, replay, loss = learn(config, state.learner, replay, state.iteration, for_batch, evaluated)
     return TrainState(learner, replay, walkers, state.iteration + 1, state.key, state.best, state.best_minutes), loss

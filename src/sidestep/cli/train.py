@@ -23,6 +23,9 @@ class Settings:
     rounds: options.Whole | None = None
     """Rounds of training."""
 
+    patience: options.Whole | None = None
+    """End early after so many rounds without any change in the test walks."""
+
     destinations: options.Whole | None = None
     """How many destinations to learn: on grids the last node and others; in real places some of their own, or of all
     crossings."""

@@ -1,6 +1,5 @@
 """Where things of a venue are on its streets: sensors, lights, origins and destinations."""
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
@@ -189,9 +188,8 @@ def _check_everywhere(network: RoadNetwork, origins: tuple[int, ...]) -> None:
 
 def _from(network: RoadNetwork, origin: int) -> Bool[np.ndarray, " segment"]:
     """Which segments walks from a crossing take, wherever they end."""
-    streets = jax.tree.map(np.asarray, network)  # plain numbers need no compiled programs
-    taken = np.zeros(network.segments, bool)
-    taken[streets.exit_segment[np.asarray(streets.exits_from(on_device(origin, np.int32)))]] = True
+    valid, taken = np.asarray(network.exits_from(on_device(origin, np.int32))), np.zeros(network.segments, bool)
+    taken[np.asarray(network.exit_segment)[valid]] = True
     return taken
 
 
