@@ -70,7 +70,7 @@ def own(place: Place, model: Path | None, absent: dict[str, str]) -> list[Router
     darp = sidestep.trained_darp(sidestep.load_model(model))
 
     def decided(*pair: int) -> object:
-        params, todo = as_expected(place.environment(pair[1], darp.observes)), place.instance(*pair)
+        params, todo = as_expected(place.environment(pair[1], darp.observes, 1)), place.instance(*pair)
         return jax.block_until_ready(walk_plan(darp, params, darp.plan(params, todo), todo, place.key, nodes))
 
     def through(*pair: int) -> Float[np.ndarray, " future"]:

@@ -55,11 +55,12 @@ class Place:
         rng = np.random.default_rng(seed)
         self.pairs = np.array([rng.choice(nodes, 2, replace=False) for _ in range(pairs)])
 
-    def environment(self, destination: int, level: Any = "position") -> EnvParams:
-        """The walks to a crossing, for walkers of a level."""
+    def environment(self, destination: int, level: Any = "position", futures: int | None = None) -> EnvParams:
+        """The walks to a crossing, for walkers of a level; by default through all futures."""
         asked: dict[str, Any] = {"level": level, "hours": [HOUR_OF_WEEK], "pace": self.pace}
         ends = np.array([[destination]])
-        return sidestep.make_environment(self.problem, self.map, "test", self.futures, destinations=ends, **asked)
+        number = futures or self.futures
+        return sidestep.make_environment(self.problem, self.map, "test", number, destinations=ends, **asked)
 
     def best(self, weight: Float[np.ndarray, " segment"]) -> Int[np.ndarray, " segment"]:
         """Of the segments that all walks may take, the best of parallel ones."""

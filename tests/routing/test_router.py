@@ -57,6 +57,16 @@ def test_the_first_route_compiles_few_programs(tiny, ends, compiled) -> None:
     assert 0 < len(compiled) <= 20
 
 
+def test_numbers_of_futures_share_what_walks(tiny, ends, compiled) -> None:
+    router = Router(tiny)
+    few = router.plan(*ends[0], depart=NOON, futures=7)
+    compiled.clear()
+    more = router.plan(*ends[1], depart=NOON, futures=9)
+    assert len(compiled) <= 4  # futures are drawn and taken anew
+    assert [plan.futures for plan in (few, more)] == [7, 9]
+    assert {round(7 * few.arrival_rate, 6), round(9 * more.arrival_rate, 6)} == {7, 9}
+
+
 @pytest.mark.parametrize("planner", ["snapshot", "forecast"])
 def test_long_walks_compile_nothing_after_short_ones(compiled, planner: str) -> None:
     router = Router(scenario("rush-16", side=4, crowded_nodes=1))

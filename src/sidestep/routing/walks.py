@@ -173,19 +173,21 @@ class Walker:
 
     def walk(self, planner: Planner, futures: int, seconds: float) -> Walks:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        todo = self.instances(futures)
+        todo = self.instances(size := _size(futures))
 
         def through(params: EnvParams) -> Walk:
             hindsight = planner.level == "hindsight"
             plan = planner.plan(params, todo) if hindsight else self._plan(planner, params)
             return walk_plan(planner, params, plan, todo, self.key)
 
-        drawn = self.params.futures
-        params = self.params if futures == drawn.count else replace(self.params, futures=_some(drawn, futures))
+        params, drawn = self.params, self.params.futures
+        if not futures == size == drawn.count:
+            params = replace(params, futures=_some(drawn, on_device(np.arange(size) % futures, np.int32)))
         walked = self._informed(planner, params, seconds, through)
-        minutes, exposure = np.asarray(walked.seconds, np.float64) / 60, walked.measures.get("exposure")
-        met = None if exposure is None else np.asarray(exposure, np.float64)
-        return Walks(planner, minutes, np.asarray(walked.arrived), met)
+        exposure = walked.measures.get("exposure")
+        met = None if exposure is None else np.asarray(exposure, np.float64)[:futures]
+        minutes = np.asarray(walked.seconds, np.float64)[:futures] / 60
+        return Walks(planner, minutes, np.asarray(walked.arrived)[:futures], met)
 
     def described(
         self, route: Route, walks: Walks, by: float | None, baselines: Mapping[str, BaselineTimes]
@@ -297,9 +299,29 @@ def _looks_ahead(planner: Planner) -> bool:
     return planner.name != Snapshot.name
 
 
-@program("count")
-def _some(futures: Futures, count: int) -> Futures:
-    return futures.first(count)
+def _size(futures: int) -> int:
+    """How many walks are walked at a time: as many as there are futures, or the next of 1, 2, 5, 10, 20, 50, ….
+
+    Some futures are then walked twice, and few programs compiled.
+
+    Parameters
+    ----------
+    futures
+        How many there are.
+
+    Returns
+    -------
+    int
+        As many, or more.
+    """
+    tens = 10 ** (len(str(futures)) - 1)
+    return next(times * tens for times in (1, 2, 5, 10) if futures <= times * tens)
+
+
+@program()
+def _some(futures: Futures, which: Int[Array, " future"]) -> Futures:
+    """Some of the futures, in this order."""
+    return futures.taken(which)
 
 
 @program()
