@@ -22,7 +22,7 @@ class Peer:
     """Whether it learns with the mask of exits that exist; all are judged with it."""
     jax: bool
     """Whether it compiles programs, which the next process may find again."""
-    paper_steps: int = 6_000
+    paper_steps: int = 3_000
     """Steps to measure at the paper's sizes; 0 for learners that do not make one gradient step a step."""
 
     @property

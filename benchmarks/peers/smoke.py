@@ -26,7 +26,7 @@ FEW = replace(PAPER, transitions=600, check_every=100)
 PATIENCE = 600.0
 """Seconds that a run may take."""
 ROOT = HERE.parents[1]
-EXAMPLES = {"examples/maskable_ppo.py": "stable-baselines3"}
+EXAMPLES = {"examples/own_maskable_ppo.py": "stable-baselines3"}
 """Examples that need a peer's environment."""
 
 

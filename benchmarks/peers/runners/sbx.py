@@ -27,9 +27,11 @@ def learn(_algorithm: str, problem: Problem, seed: int, on_check: OnCheck) -> No
         rmsprop = {"optimizer_class": optax.rmsprop, "optimizer_kwargs": {"decay": 0.9, "eps": 1e-10}}
         common |= {"learning_rate": 1e-4, "target_update_interval": 200, "policy_kwargs": rmsprop}
         common |= {"exploration_initial_eps": 0.1, "exploration_final_eps": 0.1}
-    else:  # its learning rate cannot fall
-        common |= {"learning_rate": 1e-3, "tau": 0.05, "target_update_interval": task.walkers, "policy_kwargs": {}}
-        common |= {"exploration_fraction": 0.3}
+    else:  # its own learning rate cannot fall
+        rate = optax.linear_schedule(3e-3, 0.0, 2 * task.iterations)
+        falling = {"optimizer_class": lambda learning_rate: optax.adam(rate)}  # noqa: ARG005
+        common |= {"gradient_steps": 2, "tau": 0.05, "target_update_interval": task.walkers, "policy_kwargs": falling}
+        common |= {"exploration_fraction": 0.3, "exploration_final_eps": 0.2}
     common["policy_kwargs"]["net_arch"] = list(task.hidden)
     model = DQN("MlpPolicy", walkers, **common)
 

@@ -10,7 +10,7 @@ from protocol import OnCheck
 from tianshou.algorithm import DQN
 from tianshou.algorithm.algorithm_base import policy_within_training_step
 from tianshou.algorithm.modelfree.dqn import DiscreteQLearningPolicy
-from tianshou.algorithm.optim import AdamOptimizerFactory, RMSpropOptimizerFactory
+from tianshou.algorithm.optim import AdamOptimizerFactory, LRSchedulerFactoryLinear, RMSpropOptimizerFactory
 from tianshou.data import Batch, Collector, VectorReplayBuffer
 from tianshou.env import BaseVectorEnv
 from tianshou.utils.net.common import Net
@@ -63,10 +63,11 @@ def learn(_algorithm: str, problem: Problem, seed: int, on_check: OnCheck) -> No
     features = torch.as_tensor(problem.features)
     network = Net(state_shape=features.shape[1:], action_shape=problem.exits, hidden_sizes=task.hidden)
     policy = DiscreteQLearningPolicy(model=network, action_space=gymnasium.spaces.Discrete(problem.exits))
+    adam, falling = AdamOptimizerFactory(lr=3e-3), LRSchedulerFactoryLinear(1, task.transitions, task.walkers)
     rmsprop = RMSpropOptimizerFactory(lr=1e-4, alpha=0.9, eps=1e-10)
     learner = DQN(
         policy=policy,
-        optim=rmsprop if one else AdamOptimizerFactory(lr=2e-3),
+        optim=rmsprop if one else adam.with_lr_scheduler_factory(falling),
         gamma=task.gamma,
         target_update_freq=200 if one else 10,
         is_double=not one,
@@ -76,7 +77,7 @@ def learn(_algorithm: str, problem: Problem, seed: int, on_check: OnCheck) -> No
     collector.reset()
     done = updates = 0
     for iteration in range(task.iterations):
-        policy.set_eps_training(0.1 if one else max(1 - 0.95 * iteration / task.iterations / 0.3, 0.05))
+        policy.set_eps_training(0.1 if one else max(1 - iteration / task.iterations / 0.375, 0.2))
         with policy_within_training_step(policy):
             collector.collect(n_step=task.walkers)
             done += task.walkers
