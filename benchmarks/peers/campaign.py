@@ -135,7 +135,7 @@ def measure(turn: Turn, python: Path, folder: Path, limit: float, given: Scenari
         cache = kept if turn.cache == "warm" else Path(empty)
         if turn.cache == "warm" and not kept.exists():
             kept.mkdir(parents=True)
-            run_peer(turn, python, path, cache, 0, core)  # until the first look at what is learned
+            run_peer(turn, python, path, cache, limit, core)
         lines = run_peer(turn, python, path, cache, limit, core)
     return summed_up(turn, problem, judge, lines)
 

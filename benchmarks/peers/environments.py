@@ -10,6 +10,8 @@ from registry import PROJECT
 
 HERE = Path(__file__).parent
 REQUIREMENTS = HERE / "requirements"
+LONGEST = 200
+"""Characters of a line of the reason why something does not install."""
 
 
 class NotInstalledError(Exception):
@@ -45,4 +47,5 @@ def _run(command: list[str | Path]) -> None:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         said = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
-        raise NotInstalledError(" ".join(said[-3:]) or f"{command[0]} ended with status {done.returncode}")
+        words = " ".join(line[:LONGEST].removeprefix("ERROR: ") for line in said[-2:])
+        raise NotInstalledError(words or f"{command[0]} ended with status {done.returncode}")
