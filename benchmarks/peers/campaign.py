@@ -31,6 +31,10 @@ NEVER = "none"
 """The cache of peers that never compile."""
 
 
+Lines = list[dict[str, Any]]
+"""What a process printed."""
+
+
 @dataclass(frozen=True)
 class Turn:
     """One process that is to be measured."""
@@ -43,15 +47,13 @@ class Turn:
     index: int
 
 
-def run_peer(
-    turn: Turn, python: Path, problem: Path, cache: Path, seconds: float, core: int | None
-) -> list[dict[str, Any]]:
+def run_peer(turn: Turn, python: Path, problem: Path, cache: Path, seconds: float, core: int | None) -> Lines:
     """Start a process that learns, and collect what it prints.
 
     Raises
     ------
-    subprocess.CalledProcessError
-        It failed.
+    subprocess.SubprocessError
+        It failed, or did not end by itself long after its time.
     """
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     if turn.peer.environment == PROJECT and "PYTHONPATH" in os.environ:
@@ -66,23 +68,18 @@ def run_peer(
         "PEER_CORE": "" if core is None else f"{core}",
     }
     command = [python, HERE / "protocol.py", turn.peer.runner, turn.peer.algorithm, problem, f"{turn.seed}"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    patience = 3 * seconds + 120
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=patience)
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"event"')]
 
 
-def summed_up(turn: Turn, problem: Problem, judge: Judge, lines: list[dict[str, Any]]) -> dict[str, Any]:
+def summed_up(turn: Turn, problem: Problem, judge: Judge, lines: Lines) -> dict[str, Any]:
     """Judge what a process learned, and sum up how fast."""
     checks, end = lines[:-1], lines[-1]
     walked = judge.minutes([check["exits"] for check in checks if check["exits"]])
     own = [check["minutes"] for check in checks if check["minutes"] is not None]
     over = [100 * (minutes / problem.optimum - 1) for minutes in walked or own]
     there = next((check for check, gap in zip(checks, over, strict=True) if gap <= ENOUGH), None)
-    first, last = checks[0], checks[-1]
-    spent = last["seconds"] - first["seconds"]  # the first check waits for the compiler
-    steps = [
-        1e6 * (after["seconds"] - before["seconds"]) / (after["transitions"] - before["transitions"])
-        for before, after in pairwise(checks)
-    ]
     return {
         "peer": turn.peer.name,
         "task": turn.task.name,
@@ -92,11 +89,7 @@ def summed_up(turn: Turn, problem: Problem, judge: Judge, lines: list[dict[str, 
         "seconds_to_enough": there and there["seconds"],
         "transitions_to_enough": there and there["transitions"],
         "final_over_per_cent": over[-1],
-        "transitions": last["transitions"],
-        "updates": last["updates"],
-        "transitions_per_second": (last["transitions"] - first["transitions"]) / spent,
-        "updates_per_second": (last["updates"] - first["updates"]) / spent,
-        "microseconds_a_step": median(steps),
+        **rates(checks),
         "seconds": end["seconds"],
         "cpu_seconds": end["cpu_seconds"],
         "peak_mib": end["peak_mib"],
@@ -107,6 +100,21 @@ def summed_up(turn: Turn, problem: Problem, judge: Judge, lines: list[dict[str, 
         "python": end["python"],
         "versions": end["versions"],
     }
+
+
+def rates(checks: Lines) -> dict[str, Any]:
+    """How much was learned from, and how fast after the first look, which waits for the compiler."""
+    first, last = checks[0], checks[-1]
+    done = {name: last[name] for name in ("transitions", "updates")}
+    spent = [
+        (after["seconds"] - before["seconds"], after["transitions"] - before["transitions"])
+        for before, after in pairwise(checks)
+    ]
+    if not spent:
+        return done | dict.fromkeys(("transitions_per_second", "updates_per_second", "microseconds_a_step"))
+    seconds = sum(took for took, _ in spent)
+    per_second = {f"{name}_per_second": (last[name] - first[name]) / seconds for name in done}
+    return done | per_second | {"microseconds_a_step": median(1e6 * took / steps for took, steps in spent)}
 
 
 def turns(peers: list[Peer], options: argparse.Namespace) -> Iterator[Turn]:
@@ -204,8 +212,8 @@ def main() -> None:
         for number, turn in enumerate(planned, 1):
             try:
                 run = measure(turn, pythons[turn.peer.environment], Path(folder), options.limit)
-            except subprocess.CalledProcessError as error:
-                why = error.stderr.strip().rpartition("\n")[2]
+            except subprocess.SubprocessError as error:
+                why = (getattr(error, "stderr", None) or f"{error}").strip().rpartition("\n")[2]
                 found["failed"].append([turn.peer.name, turn.task.name, turn.cache, turn.seed, turn.index, why])
                 print(f"FAILED: {turn.peer.name}: {why}", file=sys.stderr, flush=True)
                 continue

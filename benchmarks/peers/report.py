@@ -32,7 +32,7 @@ def race(found: dict[str, Any]) -> Iterator[str]:
     """Seconds to the optimum, those who learn with masks and those who learn without apart."""
     runs = [run for run in found["runs"] if run["task"] == "congested"]
     maps = len({(run["seed"], run["map"]) for run in runs})
-    yield f"### From process start to 1 % over the optimum: {maps} maps"
+    yield f"### From process start to 1 % over the optimum (maps: {maps})"
     for masks, title in ((True, "Learning with masks"), (False, "Learning without")):
         peers = [peer["name"] for peer in found["peers"] if peer["masks"] == masks or peer["name"] == SIDESTEP.name]
         yield from ("", f"{title}:", "")
@@ -48,17 +48,36 @@ def race(found: dict[str, Any]) -> Iterator[str]:
 def row(peer: str, runs: Runs) -> str:
     """One peer's."""
     mine = [run for run in runs if run["peer"] == peer]
+    if not mine:
+        return f"| {peer} |{' – |' * 9}"
     by_cache = {cache: [run for run in mine if run["cache"] in (cache, "none")] for cache in ("cold", "warm")}
     ratios = [times(ratio(each, ours(runs, cache))) for cache, each in by_cache.items()]
     there = [f"{sum(seconds(run) < math.inf for run in each)} of {len(each)}" for each in by_cache.values()]
     took = [shown(median(map(seconds, each))) if each else "–" for each in by_cache.values()]
     over = [run["final_over_per_cent"] for run in mine]
     rates = [
-        f"{median(run[name] for run in mine):,.0f}"
-        for name in ("transitions_per_second", "updates_per_second", "peak_mib")
+        middle([run[name] for run in mine]) for name in ("transitions_per_second", "updates_per_second", "peak_mib")
     ]
-    cells = [peer, *ratios, " / ".join(dict.fromkeys(there)), *took, f"{median(over):.2f} ({max(over):.2f})", *rates]
+    cells = [
+        peer,
+        *ratios,
+        " / ".join(dict.fromkeys(there)),
+        *took,
+        f"{share(median(over))} ({share(max(over))})",
+        *rates,
+    ]
     return f"| {' | '.join(cells)} |"
+
+
+def share(per_cent: float) -> str:
+    """Per cent over the optimum; rounding of the walks may end below."""
+    return f"{max(per_cent, 0.0):.2f}"
+
+
+def middle(values: list[float | None]) -> str:
+    """Median of those that are known."""
+    known = [value for value in values if value is not None]
+    return f"{median(known):,.0f}" if known else "–"
 
 
 def ours(runs: Runs, cache: str) -> Runs:
@@ -94,7 +113,8 @@ def paper_sizes(found: dict[str, Any]) -> Iterator[str]:
     runs = [run for run in found["runs"] if run["task"] == "paper"]
     step: dict[str, dict[int, float]] = {}
     for run in runs:
-        step.setdefault(run["peer"], {})[run["seed"]] = run["microseconds_a_step"]
+        if run["microseconds_a_step"]:
+            step.setdefault(run["peer"], {})[run["seed"]] = run["microseconds_a_step"]
     yield from ("", "### A step at the paper's sizes, on one core", "")
     yield "| peer | × Sidestep (range over turns) | µs a step (range) | peak, MiB |"
     yield "|---|--:|--:|--:|"

@@ -80,7 +80,7 @@ def main() -> None:
         else:
             try:
                 outcome, words = "passed", run(pythons[environment])
-            except (AssertionError, subprocess.CalledProcessError) as error:
+            except (AssertionError, subprocess.SubprocessError) as error:
                 outcome, words = "failed", getattr(error, "stderr", None) or f"{error}"
         counts[outcome] += 1
         print(f"{outcome:8} {name}: {words}", flush=True)
