@@ -1,6 +1,6 @@
 # make demo and make test each work as the first command on a fresh machine with Python >= 3.11 and make.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format coverage stress test-lowest lock reproduce clean
+.PHONY: help setup demo test check format coverage stress test-lowest lock reproduce bench bench-smoke clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
@@ -20,6 +20,8 @@ help:
 	@echo "make stress       fuzzers with new examples and commands killed, again and again (MINUTES=10)"
 	@echo "make test-lowest  the test suite with the lowest versions of the direct dependencies (.venv-lowest)"
 	@echo "make lock         compile requirements.txt and requirements-dev.txt anew from pyproject.toml"
+	@echo "make bench        Sidestep beside learners of other libraries, an hour (docs/peers.md)"
+	@echo "make bench-smoke  each of them for a few seconds, without timings"
 	@echo "make reproduce    the paper's figures and numbers, 100 maps (reproduction/)"
 
 setup: .venv/ready-dev
@@ -81,5 +83,12 @@ lock:
 reproduce: .venv/ready
 	$(BIN)/sidestep reproduce --maps 100 --out reproduction
 
+bench: .venv/ready
+	$(BIN)/python benchmarks/peers/campaign.py --out benchmarks/peers.json
+	$(BIN)/python benchmarks/peers/report.py benchmarks/peers.json
+
+bench-smoke: .venv/ready
+	$(BIN)/python benchmarks/peers/smoke.py
+
 clean:
-	rm -rf .venv .venv-lowest demo reproduction
+	rm -rf .venv .venv-lowest benchmarks/.venv-* demo reproduction

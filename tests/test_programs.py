@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,6 +21,11 @@ class Pair(eqx.Module):
     one: Float[Array, "*n"]
     other: Key[Array, ""]
     name: str = eqx.field(static=True)
+
+
+class Tagged(eqx.Module):
+    x: Float[Array, "*n"]
+    structure: Any = eqx.field(static=True)
 
 
 def scaled(by: float, pair: Pair, more: Float[Array, "*n"]) -> Pair:
@@ -183,7 +189,7 @@ def listen(name, *_, **__):
     if "backend_compile" in name:
         compiled.append(name)
 jax.monitoring.register_event_duration_secs_listener(listen)
-small = sidestep.preset("default").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64, futures=4)
+small = sidestep.preset("default").changed(rounds=3, round_steps=64, walkers=8, batch=16, capacity=64, futures=4)
 run = sidestep.train(sidestep.scenario("paper-congested", side=3, crowded_nodes=1), small)
 print(len(compiled), dict(counts), run.model.q_network.value.weight.tolist())
 """
@@ -197,3 +203,14 @@ print(len(compiled), dict(counts), run.model.q_network.value.weight.tolist())
     assert done == "2 {('compiled', 'prepare'): 1, ('compiled', 'train_round'): 1"
     assert read == "0 {('loaded', 'prepare'): 1, ('loaded', 'train_round'): 1"
     assert learned == again
+
+
+def test_what_is_not_the_same_once_it_is_read_is_not_kept(folder):
+    structure = jax.tree.structure(pair())  # of a class: after a file, another
+
+    def made_of(x):
+        return Tagged(x, structure)
+
+    made_of.__module__ = scaled.__module__
+    assert program()(made_of)(jnp.ones(2)).structure == structure
+    assert not list(folder.iterdir())

@@ -349,6 +349,9 @@ def _write(file: Path, executable: Any, made: Any) -> None:
 
     with suppress(OutputError, OSError, ValueError, TypeError, jax.errors.JaxRuntimeError, pickle.PicklingError):
         payload = serialize_executable.serialize(executable)[0]
+        once_read: object = jax.tree.structure(pickle.loads(pickle.dumps(made)))  # noqa: S301 - our own
+        if once_read != jax.tree.structure(made):
+            return  # what it makes would be another type, and each call after the next would compile
         with whole_file(file) as temporary:
             temporary.write_bytes(pickle.dumps((payload, made)))
         kept = sorted(

@@ -1,17 +1,16 @@
 """Learning: the optimiser by hand, the error of one transition, one gradient step, and how the target follows."""
 
+from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
 
 from sidestep.agent.acting import Transition
 from sidestep.agent.layers import Linear
-from sidestep.agent.learning import Learner, learn, optimiser, start_learner, td_error
+from sidestep.agent.learning import Optimiser, learn, optimiser, start_learner, td_error
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.q_networks import DuelingQNetwork, QTable
 from sidestep.agent.replay import add, empty_replay
@@ -20,18 +19,19 @@ from sidestep.environment.types import Observation
 # --- The optimiser --------------------------------------------------------------------------------------------------
 
 
-def rule(**changes: Any) -> optax.GradientTransformation:
+def rule(**changes: Any) -> Optimiser:
     """A preset's optimiser with other numbers; two rounds of one iteration."""
     config = PRESETS["paper"].changed(rounds=2, round_steps=4, walkers=4, **changes)
     return optimiser(config)
 
 
-def follow(rule: optax.GradientTransformation, *gradients: list[float]) -> list[np.ndarray]:
+def follow(rule: Optimiser, *gradients: list[float]) -> list[np.ndarray]:
     """What is added to the parameters at each step."""
-    state = rule.init(jnp.zeros(len(gradients[0])))
+    begin, update = rule
+    state = begin(jnp.zeros(len(gradients[0])))
     changes = []
     for gradient in gradients:
-        change, state = rule.update(jnp.array(gradient), state)
+        change, state = update(jnp.array(gradient), state)
         changes.append(np.asarray(change))
     return changes
 
@@ -134,8 +134,7 @@ def test_large_errors_count_in_proportion(huber: float, by_hand: float) -> None:
 def test_the_target_follows_every_k_iterations(period: int, rate: float) -> None:
     config = PRESETS["tabular-q"].changed(target_period=period, target_rate=rate)
     target = QTable(jnp.array([[8.0, 8.0], [8.0, 8.0]]))
-    state = optimiser(config).init(eqx.filter(target, eqx.is_array))
-    learner = Learner(QTable(jnp.zeros((2, 2))), target, state)
+    learner = replace(start_learner(config, QTable(jnp.zeros((2, 2)))), target=target)
     for iteration in range(4):
         after, *_ = learn(
             config, learner, memory_of((0, 1, 6.0, 1)), jnp.int32(iteration), jnp.linspace(0, 0.99, config.batch)

@@ -9,7 +9,7 @@ whole at every step.)
 """
 
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -86,6 +86,10 @@ class Layout(Generic[Item]):
     structure: jax.tree_util.PyTreeDef
     leaves: tuple[jax.ShapeDtypeStruct, ...]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Trees of classes are others once they are read from a file; those of an item are not.
+        return layout_of, (jax.tree.unflatten(self.structure, self.leaves),)
+
     def pack(self, items: Item) -> Int[Array, "n word"]:
         """Turn items into rows."""
 
@@ -104,6 +108,12 @@ class Layout(Generic[Item]):
             part = part != 0 if leaf.dtype == bool else jax.lax.bitcast_convert_type(part, leaf.dtype)
             items.append(part.reshape(-1, *leaf.shape))
         return jax.tree.unflatten(self.structure, items)
+
+
+def layout_of(item: Item) -> Layout[Item]:
+    """How items of these shapes and types are packed."""
+    leaves, structure = jax.tree.flatten(item)
+    return Layout(structure, tuple(leaves))
 
 
 class Replay(eqx.Module, Generic[Item]):
@@ -131,9 +141,8 @@ class Replay(eqx.Module, Generic[Item]):
 
 def empty_replay(item: Item, capacity: int) -> Replay[Item]:
     """A replay for items like ``item``, which only gives shapes and types."""
-    leaves, structure = jax.tree.flatten(jax.eval_shape(lambda: item))
-    layout: Layout[Item] = Layout(structure, tuple(leaves))
-    rows = jnp.zeros((capacity, sum(leaf.size for leaf in leaves)), jnp.int32)
+    layout = layout_of(jax.eval_shape(lambda: item))
+    rows = jnp.zeros((capacity, sum(leaf.size for leaf in layout.leaves)), jnp.int32)
     return Replay(rows, sum_tree(capacity), jnp.int32(0), jnp.float32(1.0), layout)
 
 
