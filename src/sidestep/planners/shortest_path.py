@@ -34,7 +34,8 @@ class ShortestPath(Planned):
         departures = np.stack([hour, np.asarray(instances.departure)], axis=1) * params.waits.gates
 
         def best_exits(destination: int, departure: Float[np.ndarray, "2"]) -> np.ndarray:
-            length = np.asarray(_metres_at(params, *map(on_device, departure)))
+            shut = params.waits.gates
+            length = np.asarray(_metres_at(params, *map(on_device, departure)) if shut else network.length)
             ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
             valid = np.asarray(_exits_to(network, on_device(destination, np.int32)))
             return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]

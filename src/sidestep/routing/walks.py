@@ -151,11 +151,13 @@ class Walker:
         self.alone = as_expected(self.params)
         self.density = np.asarray(_densities(self.params.expected))
         self._plans: list[tuple[Planner, Plan]] = []
+        self._instances: dict[int, Instance] = {}
 
     def departing(self, clock: float) -> "Walker":
         """The same with another departure, in seconds since the scenario's start."""
         other = copy(self)
-        other.located, other._plans = self.located.departing(clock), []  # noqa: SLF001 - of this class
+        other.located = self.located.departing(clock)
+        other._plans, other._instances = [], {}  # noqa: SLF001 - of this class
         return other
 
     def expected_route(self, planner: Planner) -> Route:
@@ -264,9 +266,11 @@ class Walker:
 
     def instances(self, count: int) -> Instance:
         """The walk that was asked for in the first ``count`` futures."""
-        origin, destination = (np.full(count, end.node, np.int32) for end in self.located.ends)
-        departure = np.full(count, self.located.clock, np.float32)
-        return Instance(*jax.device_put((origin, destination, departure, np.arange(count, dtype=np.int32))))
+        if count not in self._instances:
+            origin, destination = (np.full(count, end.node, np.int32) for end in self.located.ends)
+            departure, future = np.full(count, self.located.clock, np.float32), np.arange(count, dtype=np.int32)
+            self._instances[count] = Instance(*jax.device_put((origin, destination, departure, future)))
+        return self._instances[count]
 
     def _legs(self, route: Route) -> list[Leg]:
         """The segments of a route by expected times."""
