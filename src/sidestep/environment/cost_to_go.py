@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import crossings, static_crossing_in, with_mean_waits
-from sidestep.environment.types import EnvParams, ExpectedCostToGo, Instance, KnowledgeError, LiveCostToGo
+from sidestep.environment.types import EnvParams, ExpectedCostToGo, Information, Instance, KnowledgeError, LiveCostToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.objective import Crossing
@@ -398,8 +398,15 @@ def known_live_cost_to_go(params: EnvParams) -> LiveCostToGo:
     return params.futures.cost_to_go
 
 
-def check_known(params: EnvParams, instances: Instance) -> None:
+def check_known(params: EnvParams, instances: Instance, level: Information | None = None) -> None:
     """Refuse walks that the levels ``map`` and ``live`` know nothing about; compiled programs could not.
+
+    Parameters
+    ----------
+    params, instances
+        The environment, and the walks.
+    level
+        What walkers see; by default the environment's level.
 
     Raises
     ------
@@ -407,7 +414,8 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         An environment that was made for a lower level; a destination that it was not made for; at level ``live``, or
         where hours differ, a future that is for another destination.
     """
-    if params.level not in ("map", "live"):
+    level = level or params.level
+    if level not in ("map", "live"):
         return
     destination, future = np.atleast_1d(instances.destination), np.atleast_1d(instances.future)
     number = np.asarray(known_cost_to_go(params).destination)[destination]
@@ -415,11 +423,11 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         unknown = destination[number < 0][0]
         said = f"no costs of getting to node {unknown} are known"
         raise KnowledgeError(f"{said}; give it to make_environment among the destinations", field="destinations")
-    if params.level == "live":
+    if level == "live":
         known_live_cost_to_go(params)
     elif known_cost_to_go(params).table.shape[-2] < params.expected.slots:
         raise KnowledgeError(f"{_TOO_LOW} map: costs were not worked out; leave out costs=False", field="level")
-    if params.level == "map" and params.expected.count == 1 and not params.waits.gates:
+    if level == "map" and params.expected.count == 1 and not params.waits.gates:
         return
     wrong = np.flatnonzero(number != np.asarray(params.futures.destination)[future])
     if len(wrong):

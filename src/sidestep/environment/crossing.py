@@ -27,7 +27,7 @@ def as_expected(params: EnvParams) -> EnvParams:
     """The same where streets take their expected times, and lights their mean wait."""
     old = params.futures
     futures = Futures(params.expected, *_first((old.destination, old.hour, old.phase), count=params.expected.count))
-    return with_mean_waits(replace(params, futures=futures))
+    return replace(params, futures=futures, waits=params.waits.averaged())
 
 
 @program("count")

@@ -167,7 +167,8 @@ class EnvParams(eqx.Module):
 
     def begun_at(self, node: int) -> "EnvParams":
         """The same for walks that begin at a node, which may be in the middle of a street."""
-        return replace(self, waits=self.waits.begun_on(np.asarray(self.network.tail) == node))
+        waits = self.waits.begun_on(np.asarray(self.network.tail) == node)
+        return self if waits is self.waits else replace(self, waits=waits)
 
     def expected_for(self, future: Int[Array, "*n"]) -> Int[Array, "*n"]:
         """Which of the hours in ``expected`` belongs to one of the futures."""

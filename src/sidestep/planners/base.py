@@ -184,7 +184,7 @@ class _Named:
         return getattr(sys.modules.get(self.module), self.name, None)
 
 
-@program("decide", "trace", "alike")
+@program("decide", "trace", "level", "alike")
 def _walk_all(
     decide: "DecideByPlan | _Named",
     params: EnvParams,
@@ -192,9 +192,11 @@ def _walk_all(
     instances: Instance,
     key: Key[Array, ""],
     trace: int,
+    level: Information,
     *,
     alike: bool,
 ) -> Walk:
+    params = replace(params, level=level)
     choose: Any = decide() if isinstance(decide, _Named) else decide
 
     def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
@@ -235,11 +237,10 @@ def walk_plan(
     KnowledgeError
         Walks about which the environment's level knows nothing.
     """
-    params = replace(params, level=planner.observes)
-    check_known(params, instances)
+    check_known(params, instances, planner.observes)
     walks = instances.origin.shape[0]
     alike = any(leaf.shape[0] < walks for leaf in jax.tree.leaves(plan.own))
-    return _walk_all(_Named.of(planner.decide), params, plan, instances, key, trace, alike=alike)
+    return _walk_all(_Named.of(planner.decide), params, plan, instances, key, trace, planner.observes, alike=alike)
 
 
 @checked(

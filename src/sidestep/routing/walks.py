@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import jax
@@ -13,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
 from sidestep.environment.types import EnvParams, Futures, Instance
-from sidestep.evaluation.metrics import spread
+from sidestep.evaluation.metrics import in_time, spread
 from sidestep.planners.base import Plan, Planner, Route, routes_along, walk_plan
 from sidestep.planners.reactive import Snapshot
 from sidestep.programs import on_device, program
@@ -29,7 +30,7 @@ from sidestep.walking.expected_times import Speeds
 T = TypeVar("T", Route, Walk)
 FIRST_SLOTS = 4
 """Slots whose counts are shown where nobody knows how long a walk takes."""
-LONGER = 1.5
+LONGER = 1.3
 """Seconds for each of the walk by expected times, in which others may take: counts of slots within them are shown to
 planners that see all counts, and of twice as many where somebody takes longer."""
 _LEGS_AT_ONCE = 64  # a route's legs are filled up to a multiple, so that routes of many lengths share programs
@@ -94,7 +95,9 @@ class Walks:
     arrived: Bool[np.ndarray, " future"]
     exposure: Float[np.ndarray, " future"] | None
 
+    @cached_property
     def times(self) -> WalkTimes:
+        """Their median and the like."""
         found, rate = spread(self.minutes, self.arrived, None), float(self.arrived.mean())
         return WalkTimes(
             level=self.planner.level,
@@ -104,14 +107,21 @@ class Walks:
             arrival_rate=rate,
         )
 
+    def in_time(self, by: float, horizon: float) -> float:
+        """The share that arrives within some minutes, and before the horizon."""
+        return float(in_time(self.minutes, self.arrived, by, horizon).mean())
+
     def against(self, plan: "Walks") -> BaselineTimes:
         """In the mean of those futures that both walked."""
         count, met = len(self.minutes), None
         if self.exposure is not None and plan.exposure is not None:
             met = float(np.mean(self.exposure - plan.exposure[:count]))
-        there = replace(plan, minutes=plan.minutes[:count], arrived=plan.arrived[:count]).times()
+        both = plan
+        if count < len(plan.minutes):
+            both = replace(plan, minutes=plan.minutes[:count], arrived=plan.arrived[:count])
+        there = both.times
         return BaselineTimes(
-            **vars(self.times()),
+            **vars(self.times),
             plan_median_minutes=there.median_minutes,
             plan_p90_minutes=there.p90_minutes,
             mean_difference_minutes=float(np.mean(self.minutes - plan.minutes[:count])),
@@ -200,7 +210,7 @@ class Walker:
         legs, steps, streets = located.on_map(self._legs(route), self.density[:, slot])
         return RoutePlan(
             **vars(located.facts),
-            **vars(walks.times()),
+            **vars(walks.times),
             origin=origin,
             destination=destination,
             by_minutes=by,
@@ -217,7 +227,7 @@ class Walker:
             crowding=crowding_word(mean_density(legs)),
             exposure=sum(leg.exposure for leg in legs),
             too_dense=sum(leg.too_dense for leg in legs),
-            arrive_by=spread(walks.minutes, walks.arrived, by, located.scenario.horizon / 60)["arrive_by"],
+            arrive_by=None if by is None else walks.in_time(by, located.scenario.horizon / 60),
             baselines=baselines,
             streets=streets,
         )
