@@ -138,7 +138,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     >>> drawn.network.nodes, drawn.network.segments
     (9, 24)
     """
-    keep_compiled()  # whoever draws a map goes on to compile programs for it
+    keep_compiled()  # programs are compiled for the map next
     key = _key(seed, index)
     match scenario.place:
         case Grid() as grid:
