@@ -157,25 +157,26 @@ def training_iteration(name):
 
     from sidestep.agent.acting import ACTING_DRAWS
     from sidestep.agent.presets import preset
-    from sidestep.agent.train import _iterate, prepare, train_round
+    from sidestep.agent.train import _iterate, prepare, train_round, uniform_draws
     from sidestep.scenarios.builtin import scenario
     from sidestep.scenarios.maps import draw_map
 
     problem = scenario("paper-congested")
     config = preset(name)
-    where, state = prepare(config, problem, draw_map(problem, 0))
+    where, _, state = prepare(config, problem, draw_map(problem, 0), uniform_draws(config, [0], 0, start=True))
     draws = jnp.zeros(config.walkers * ACTING_DRAWS + config.batch)
-    moved = replace(state, replay=None, best=None, key=None)
+    moved = replace(state, replay=None, best=None)
     counts = counted(partial(_iterate, config, where), state, draws, moved=(moved, moved, draws))
     times = []
     for rounds in (1, 5):  # the difference leaves out the test walks
         longer = config.changed(round_steps=rounds * PRESETS[name])
-        compiled = train_round.lower(longer, where, state).compile()
+        of_round = uniform_draws(longer, [0], 0)
+        train_round.prepare(longer, where, state, of_round)
         found = []
         for _ in range(TURNS):
             copied = jax.block_until_ready(jax.tree.map(jnp.copy, state))
             began = now()
-            jax.block_until_ready(compiled(where, copied))
+            jax.block_until_ready(train_round(longer, where, copied, of_round))
             found.append(now() - began)
         times.append(statistics.median(found))
     return counts | {"seconds": (times[1] - times[0]) / (4 * PRESETS[name] / config.walkers)}
@@ -201,7 +202,7 @@ def main():
     limits = machine()
     rows = {}
     for name in ("paper-congested", "rush-16"):
-        params, walks = steps.environment(name)
+        params, walks = steps.environment(name, WALKERS)
         for level in steps.LEVELS[name]:
             counts = environment_steps(replace(params, level=level), walks)
             rows[f"{WALKERS:,} steps, {name}, {level}"] = beside(limits, counts)

@@ -21,8 +21,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import osrm
-import valhalla
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
@@ -50,6 +48,9 @@ class Osrm:
     """OSRM's foot profile weighted by distance."""
 
     def __init__(self, extract: Path, folder: Path, *, areas: bool = False) -> None:
+        import osrm
+
+        self.api = osrm
         profile = "foot_area" if areas else "foot"
         share = Path(osrm.__file__).parent / "share" / "profiles"
         script = folder / f"shortest-{profile}.lua"
@@ -65,18 +66,18 @@ class Osrm:
 
     def starts_at(self, node: int, place: Float[np.ndarray, "2"]) -> bool:
         """Tell whether a walk from this place starts exactly at this node, not at another in the same place."""
-        found = self.engine.Nearest(osrm.NearestParameters(coordinates=[tuple(place.tolist())]))["waypoints"][0]
+        found = self.engine.Nearest(self.api.NearestParameters(coordinates=[tuple(place.tolist())]))["waypoints"][0]
         return float(found["distance"]) < EXACT and node in [int(found["nodes"][i]) for i in range(2)]
 
     def lengths(self, places: Float[np.ndarray, "place 2"]) -> Float[np.ndarray, "place place"]:
         """Find the lengths of shortest walks in metres, NaN where there is none."""
         coordinates = [tuple(place) for place in places.tolist()]
-        found = self.engine.Table(osrm.TableParameters(coordinates=coordinates, annotations=["distance"]))
+        found = self.engine.Table(self.api.TableParameters(coordinates=coordinates, annotations=["distance"]))
         return np.array([[np.nan if d is None else d for d in row] for row in found["distances"]], float)
 
     def line(self, start: Float[np.ndarray, "2"], stop: Float[np.ndarray, "2"]) -> Float[np.ndarray, "point 2"]:
         """Find the line of the shortest walk, as longitudes and latitudes; without points where there is none."""
-        asked = osrm.RouteParameters(
+        asked = self.api.RouteParameters(
             coordinates=[tuple(start.tolist()), tuple(stop.tolist())], geometries="geojson", overview="full"
         )
         try:
@@ -90,6 +91,10 @@ class Valhalla:
     """Valhalla's pedestrian costing, shortest."""
 
     def __init__(self, extract: Path, folder: Path) -> None:
+        import valhalla
+        from valhalla.utils import decode_polyline
+
+        self.decode = decode_polyline
         tiles = folder / "tiles"
         tiles.mkdir()
         config = valhalla.get_config(tile_extract="", tile_dir=tiles)
@@ -125,6 +130,20 @@ class Valhalla:
                         if pair.get("distance") is not None:
                             length[i, j] = 1000 * pair["distance"]
         return length
+
+    def line(self, start: Float[np.ndarray, "2"], stop: Float[np.ndarray, "2"]) -> Float[np.ndarray, "point 2"]:
+        """Find the line of the shortest walk, as longitudes and latitudes; without points where there is none."""
+        asked = {
+            "locations": [{"lon": lon, "lat": lat} for lon, lat in (start.tolist(), stop.tolist())],
+            "costing": "pedestrian",
+            "costing_options": {"pedestrian": {"shortest": True}},
+            "directions_type": "none",
+        }
+        try:
+            points = self.decode(self.actor.route(asked)["trip"]["legs"][0]["shape"])
+        except RuntimeError:  # no route
+            points = ()
+        return np.array(points, float).reshape(-1, 2)
 
 
 def _run(command: Sequence[str | Path], **variables: str) -> None:

@@ -336,6 +336,11 @@ def _folder() -> Path | None:
     return None
 
 
+def cache_folder() -> Path | None:
+    """The folder, for what else is kept there; None where there is none."""
+    return _folder()
+
+
 def _read(file: Path) -> tuple[bytes, Any] | None:
     """Read a program, and shapes and types of what it makes; None where there is none, or a damaged one."""
     try:

@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sidestep.environment.cost_to_go import UNREACHABLE, at_clock, cost_to_go, field_cost_to_go, static_cost_to_go
+from sidestep.environment.cost_to_go import (
+    UNREACHABLE,
+    at_clock,
+    cost_to_go,
+    field_cost_to_go,
+    static_cost_from,
+    static_cost_to_go,
+)
 from sidestep.environment.crossing import crossings
 from sidestep.environment.types import EnvParams, futures_in_turn
 from sidestep.network.graph import RoadNetwork, road_network
@@ -75,6 +82,7 @@ tail_and_head = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).
 streets = st.lists(tail_and_head, min_size=SEGMENTS, max_size=SEGMENTS)
 lengths = hnp.arrays(np.float32, SEGMENTS, elements=st.floats(1, 300, width=32))
 steady = hnp.arrays(np.float32, SEGMENTS, elements=st.floats(1 / 8, 4, width=32))
+any_exits = hnp.arrays(np.int32, NODES, elements=st.integers(0, SEGMENTS - 1))
 destinations = st.sets(st.integers(0, NODES - 1), min_size=1, max_size=3)
 both = jax.jit(
     lambda network, speed, destination: (
@@ -82,6 +90,26 @@ both = jax.jit(
         static_cost_to_go(network, network.length / speed[:, 0], destination),
     )
 )
+
+
+either = jax.jit(
+    lambda network, destination, exits: (
+        static_cost_to_go(network, network.length, destination),
+        *static_cost_from(network, network.length, destination, exits),
+    )
+)
+
+
+@given(streets, lengths, destinations, any_exits)
+def test_whatever_is_known_beforehand_costs_are_the_same_to_the_bit(
+    pairs: list[tuple[int, int]], length: np.ndarray, destination: set[int], exits: np.ndarray
+) -> None:
+    network = road_network(np.zeros((NODES, 2)), *zip(*pairs, strict=True), length, exits=SEGMENTS)
+    plain, found, best = map(np.asarray, either(network, ends(NODES, *destination), jnp.asarray(exits)))
+    assert found.tobytes() == plain.tobytes()
+    onto, segment = (np.asarray(each)[np.arange(NODES), best] for each in (network.exit_node, network.exit_segment))
+    goes = (plain < UNREACHABLE) & ~np.isin(np.arange(NODES), list(destination))
+    assert np.array_equal(plain[goes], (np.asarray(length)[segment] + plain[onto])[goes])
 
 
 @given(streets, lengths, steady, destinations)

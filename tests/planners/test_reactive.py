@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from sidestep.environment.cost_to_go import expected_cost_to_go, live_cost_to_go
-from sidestep.environment.types import EnvParams, Instance
+from sidestep.environment.types import EnvParams, Instance, KnowledgeError
 from sidestep.planners.base import Planner, routes, walk_plan
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
 from sidestep.planners.time_dependent import Clairvoyant
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
-from sidestep.scenarios.futures import make_environment
+from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import draw_map
 from sidestep.walking.speed_field import SpeedField, speed_field
 
@@ -150,6 +150,31 @@ def test_none_beats_the_clairvoyant(small) -> None:
         assert (seconds >= least * (1 - 1e-5)).all()
         # Planners that know the map come near the bound.
         assert planner.level == "local" or seconds.mean() < 1.05 * least.mean()
+
+
+def test_counts_may_be_shown_of_some_slots_only(small) -> None:
+    problem = scenario("rush-16", side=4, crowded_nodes=1, horizon=2 * 3600.0)
+    scenario_map = draw_map(problem, 3)
+    every, costs = small[0].futures.cost_to_go, {}
+    for level, forecasts in (("map", True), ("position", False)):
+        params = make_environment(
+            problem, scenario_map, "test", 8, level="map", costs=forecasts, densities=True, destinations=[[15], [5]]
+        )
+        costs[level] = see_counts(problem, scenario_map.flow, params, (2, 5), forecasts=forecasts).futures.cost_to_go
+    nearest = np.clip(np.arange(problem.slots), 2, 4)
+    np.testing.assert_allclose(costs["map"].forecast, np.asarray(every.forecast)[:, nearest], rtol=1e-5)
+    for found in costs.values():
+        np.testing.assert_allclose(found.snapshot, np.asarray(every.snapshot)[:, nearest], rtol=1e-6)
+    assert costs["position"].forecast is None
+
+
+def test_costs_that_were_left_out_are_missed(small) -> None:
+    problem = scenario("rush-16", side=4, crowded_nodes=1, horizon=2 * 3600.0)
+    params = make_environment(problem, draw_map(problem, 3), "test", 2, level="map", costs=False, destinations=[[15]])
+    todo = jax.tree.map(lambda leaf: leaf[:1], small[1])
+    with pytest.raises(KnowledgeError) as caught:
+        walk_plan(GreedyMap(), params, GreedyMap().plan(params, todo), todo, KEY)
+    assert caught.value.field == "level"
 
 
 def test_walks_that_a_level_knows_nothing_about_are_refused(small) -> None:

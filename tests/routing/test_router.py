@@ -48,6 +48,35 @@ def test_the_second_route_compiles_nothing(tiny, ends, compiled, planner: str) -
     assert compiled == []
 
 
+def test_the_first_route_compiles_few_programs(tiny, ends, compiled) -> None:
+    router = Router(tiny)
+    compiled.clear()
+    router.plan(*ends[0], depart=NOON, futures=30)
+    # One for each thing that is worked out, and none for single steps of it: those of streets, expected times, futures,
+    # the plan, four walks by three planners, counts, and legs.
+    assert 0 < len(compiled) <= 20
+
+
+def test_numbers_of_futures_share_what_walks(tiny, ends, compiled) -> None:
+    router = Router(tiny)
+    few = router.plan(*ends[0], depart=NOON, futures=7)
+    compiled.clear()
+    more = router.plan(*ends[1], depart=NOON, futures=9)
+    assert len(compiled) <= 4  # futures are drawn and taken anew
+    assert [plan.futures for plan in (few, more)] == [7, 9]
+    assert {round(7 * few.arrival_rate, 6), round(9 * more.arrival_rate, 6)} == {7, 9}
+
+
+@pytest.mark.parametrize("planner", ["snapshot", "forecast"])
+def test_long_walks_compile_nothing_after_short_ones(compiled, planner: str) -> None:
+    router = Router(scenario("rush-16", side=4, crowded_nodes=1))
+    router.plan(0, 1, depart=0, futures=3, planner=planner)
+    compiled.clear()
+    far = router.plan(0, 15, depart=45, futures=3, planner=planner)
+    assert far.expected_minutes > 20  # four slots
+    assert compiled == []
+
+
 def test_the_second_question_compiles_nothing(tiny, place, compiled) -> None:
     router = Router(tiny)
 
@@ -104,7 +133,7 @@ class Somebody(RandomWalk):
 
 def learned(monkeypatch, **known: object) -> None:
     fields = {"planners": {"darp": Somebody()}, "index": None, "destinations": None} | known
-    monkeypatch.setattr("sidestep.routing.router.load_planners", lambda *_: Learned(**fields))
+    monkeypatch.setattr("sidestep.planners.learned.load_planners", lambda *_: Learned(**fields))
 
 
 def test_a_model_plans_by_default(monkeypatch, tiny, ends) -> None:

@@ -82,13 +82,16 @@ def test_crowds_behind_speeds() -> None:
         without.field(LINE)
 
 
-def test_the_first_futures_and_slots() -> None:
+def test_some_futures_and_the_first_slots() -> None:
     dense = dense_speeds(LINE, FlowField(VOLUME, SLOT), LAW, densities=True)
     for name in ("speed", "covered", "density"):
-        np.testing.assert_array_equal(getattr(dense.first(1, 3), name), np.asarray(getattr(dense, name))[:1, :, :3])
+        np.testing.assert_array_equal(getattr(dense.first(3), name), np.asarray(getattr(dense, name))[:, :, :3])
+        taken = getattr(dense.taken(jnp.array([1, 0, 1])), name)
+        np.testing.assert_array_equal(taken, np.asarray(getattr(dense, name))[[1, 0, 1]])
     few = sensed(np.arange(24).reshape(2, 4, 3) / 10, LINE_SPREAD)
-    np.testing.assert_array_equal(few.first(1, 3).crowds.counted, np.asarray(few.crowds.counted)[:1, :3])
-    assert (few.first().count, few.first().slots) == (dense.first().count, dense.first().slots) == (2, 4)
+    np.testing.assert_array_equal(few.first(3).crowds.counted, np.asarray(few.crowds.counted)[:, :3])
+    np.testing.assert_array_equal(few.taken(jnp.array([1, 1])).crowds.counted, np.asarray(few.crowds.counted)[[1, 1]])
+    assert (few.first(3).count, few.first(3).slots) == (dense.first(3).count, dense.first(3).slots) == (2, 3)
 
 
 def test_replaced_futures() -> None:

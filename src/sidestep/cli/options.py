@@ -194,15 +194,8 @@ def processors() -> int:
 
 
 def start_jax() -> None:
-    """Let JAX keep compiled programs between runs: compiling takes longer than training."""
-    import jax
+    """Let JAX keep compiled programs between runs, also small ones: compiling takes longer than training."""
+    from sidestep.compilation import SMALLEST, configure, keep_compiled
 
-    settings: dict[str, object] = {
-        "jax_persistent_cache_min_compile_time_secs": 0.0,
-        "jax_persistent_cache_min_entry_size_bytes": -1,
-    }
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        settings["jax_compilation_cache_dir"] = str(Path(home) / "sidestep" / "jax")
-    for name, value in settings.items():
-        jax.config.update(name, value)  # type: ignore[no-untyped-call]
+    keep_compiled()
+    configure(SMALLEST)

@@ -3,6 +3,7 @@
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -71,7 +72,7 @@ def interpolation_weights(network: RoadNetwork, segment: Stations, reach: float)
     share = np.exp(-np.take_along_axis(away.T, nearest, axis=1) / reach)
     share[share < math.exp(-FADED)] = 0.0
     share /= np.maximum(share.sum(axis=1, keepdims=True), 1.0)
-    return InterpolationWeights(jnp.asarray(nearest, jnp.int32), jnp.asarray(share, jnp.float32))
+    return InterpolationWeights(*jax.device_put((nearest.astype(np.int32), share.astype(np.float32))))
 
 
 def walking_distances(

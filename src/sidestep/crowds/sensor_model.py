@@ -8,7 +8,7 @@ nights vary more than noons. The innovations of the sensors are correlated.
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -93,7 +93,7 @@ def fit_sensors(table: CountTable, sensors: Sequence[str] | None = None) -> Sens
     correlation = innovation.T @ innovation / np.sqrt(np.maximum(squares * squares.T, 1e-24))
     np.fill_diagonal(correlation, 1.0)
     parts = (expected, weekly, sigma, phi, cholesky_factor(correlation))
-    return SensorModel(*(jnp.asarray(part, jnp.float32) for part in parts))
+    return SensorModel(*jax.device_put(tuple(part.astype(np.float32) for part in parts)))
 
 
 def _mean(hours: Float[np.ndarray, "hour sensor"]) -> Float[np.ndarray, " sensor"]:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import crossings, static_crossing_in, with_mean_waits
-from sidestep.environment.types import EnvParams, ExpectedCostToGo, Instance, KnowledgeError, LiveCostToGo
+from sidestep.environment.types import EnvParams, ExpectedCostToGo, Information, Instance, KnowledgeError, LiveCostToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.objective import Crossing
@@ -37,6 +37,7 @@ GATE_STEP = 60.0
 _TOO_LOW = "the environment was made for a level below"
 Destination = Bool[Array, " node"]
 """Nodes of the destination; the nearest one counts."""
+Slots = tuple[Int[Array, ""], Int[Array, ""]]
 Ahead = Callable[[Float[Array, " counter"], Float[Array, ""], Int[Array, ""]], SpeedField]
 """Speeds in a slot and the next ones, from its counts, the hour of the week at clock 0 and its number."""
 
@@ -59,14 +60,49 @@ def static_cost_to_go(
         Cost in s; ``UNREACHABLE`` or more where no path leads.
     """
     onward = jnp.where(network.exits_to(destination), cost[network.exit_segment], UNREACHABLE)
-    start = jnp.where(destination, 0.0, UNREACHABLE)
+    return _improved(onward, network.exit_node, jnp.where(destination, 0.0, UNREACHABLE))
+
+
+def static_cost_from(
+    network: RoadNetwork, cost: Float[Array, " segment"], destination: Destination, exits: Int[Array, " node"]
+) -> tuple[Float[Array, " node"], Int[Array, " node"]]:
+    """:func:`static_cost_to_go`, sooner where good paths are known, such as the best ones at other costs.
+
+    Parameters
+    ----------
+    network, cost, destination
+        As there.
+    exits
+        The exit of each node along these paths.
+
+    Returns
+    -------
+    to_go : Float[Array, " node"]
+        The same costs.
+    exits : Int[Array, " node"]
+        The best exit of each node.
+    """
+    onward = jnp.where(network.exits_to(destination), cost[network.exit_segment], UNREACHABLE)
+    # Both searches add up the same numbers: else paths known before might seem to cost less than they do.
+    onward = jax.lax.optimization_barrier(onward)  # type: ignore[no-untyped-call]
+    chosen = exits[:, None]
+    known, onto = (jnp.take_along_axis(each, chosen, axis=1) for each in (onward, network.exit_node))
+    to_go = _improved(known, onto, jnp.where(destination, 0.0, UNREACHABLE))
+    to_go = _improved(onward, network.exit_node, to_go)
+    return to_go, jnp.argmin(onward + to_go[network.exit_node], axis=1).astype(jnp.int32)
+
+
+def _improved(
+    onward: Float[Array, "node exit"], onto: Int[Array, "node exit"], to_go: Float[Array, " node"]
+) -> Float[Array, " node"]:
+    """Lower costs, as long as a better path leads over some exit."""
 
     def improve(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         to_go, _ = carry
-        better = jnp.minimum(to_go, jnp.min(onward + to_go[network.exit_node], axis=1))
+        better = jnp.minimum(to_go, jnp.min(onward + to_go[onto], axis=1))
         return better, (better < to_go).any()
 
-    return jax.lax.while_loop(lambda carry: carry[1], improve, (start, jnp.bool_(True)))[0]
+    return jax.lax.while_loop(lambda carry: carry[1], improve, (to_go, jnp.bool_(True)))[0]
 
 
 def cost_to_go(
@@ -226,12 +262,29 @@ def expected_cost_to_go(
 
         return jax.lax.map(one, jnp.arange(len(destinations)))
 
-    number = jnp.where(destinations.any(axis=0), jnp.argmax(destinations, axis=0), ABSENT)
     of_scaled = None if scaled is None else tables(scaled)
-    return ExpectedCostToGo(tables(params.expected), number.astype(jnp.int32), of_scaled, every)
+    return ExpectedCostToGo(tables(params.expected), _numbers(destinations), of_scaled, every)
 
 
-def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counter"], ahead: Ahead) -> LiveCostToGo:
+def unknown_cost_to_go(destinations: Bool[Array, "destination node"]) -> ExpectedCostToGo:
+    """The same without costs, which are all 0: for walkers who look at snapshots only."""
+    return ExpectedCostToGo(jnp.zeros((len(destinations), 1, destinations.shape[1])), _numbers(destinations))
+
+
+def _numbers(destinations: Bool[Array, "destination node"]) -> Int[Array, " node"]:
+    """Number of the destination that each node belongs to; -1 where it belongs to none."""
+    number = jnp.where(destinations.any(axis=0), jnp.argmax(destinations, axis=0), ABSENT)
+    return number.astype(jnp.int32)
+
+
+def live_cost_to_go(
+    params: EnvParams,
+    counted: Float[Array, "future slot counter"],
+    ahead: Ahead,
+    slots: Slots | None = None,
+    *,
+    forecasts: bool = True,
+) -> LiveCostToGo:
     """Costs from all counts of every slot of every future, to that future's destination.
 
     Parameters
@@ -242,6 +295,11 @@ def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counte
         What is known of each slot as it begins: the people on each segment, or the densities at counters.
     ahead
         Turns that into the speeds that are forecast from it; after its window crowds are as expected.
+    slots
+        The first slot that matters, and the one after the last, which need not be known beforehand: to others apply the
+        costs of the nearest of these. By default all matter.
+    forecasts
+        Whether costs are forecast.
 
     Returns
     -------
@@ -250,18 +308,33 @@ def live_cost_to_go(params: EnvParams, counted: Float[Array, "future slot counte
     """
     params, expected = with_mean_waits(params), known_cost_to_go(params)
     futures, speeds, every = params.futures, params.futures.speeds, jnp.arange(params.network.segments)
+    begin, end = (0, speeds.slots) if slots is None else slots
 
-    def one(number: Int[Array, ""]) -> tuple[Array, Array]:
-        future, slot = number // speeds.slots, number % speeds.slots
-        forecast = _forecast(params, ahead(counted[future, slot], futures.hour[future], slot), future, slot)
+    def one(future: Array, slot: Array, exits: Array) -> tuple[tuple[Array, ...], Array]:
+        """Costs of one slot of one future, and the best exits there if crowds stay as they are."""
         waited = params.wait_in(future)(every, jnp.full(every.shape, slot * speeds.slot_seconds))
         stays = static_crossing_in(params, speeds, future, slot, every, waited)
         destination = expected.destination == futures.destination[future]
-        return forecast, static_cost_to_go(params.network, stays.cost, destination)
+        snapshot, exits = static_cost_from(params.network, stays.cost, destination, exits)
+        if not forecasts:
+            return (snapshot,), exits
+        field = ahead(counted[future, slot], futures.hour[future], slot)
+        return (snapshot, _forecast(params, field, future, slot)), exits
 
-    forecast, snapshot = jax.lax.map(one, jnp.arange(speeds.count * speeds.slots))
-    shape = (speeds.count, speeds.slots)
-    return LiveCostToGo(snapshot.reshape(*shape, -1), forecast.reshape(*shape, *forecast.shape[1:]))
+    def write(number: Array, carry: tuple[tuple[Array, ...], Array]) -> tuple[tuple[Array, ...], Array]:
+        tables, exits = carry
+        at = number // (end - begin), begin + number % (end - begin)
+        found, exits = one(*at, exits)
+        return tuple(table.at[at].set(row) for table, row in zip(tables, found, strict=True)), exits
+
+    none = jnp.zeros(params.network.nodes, jnp.int32)  # no path is known beforehand
+    shapes, _ = jax.eval_shape(one, jnp.int32(0), jnp.int32(0), none)
+    empty = tuple(jnp.zeros((speeds.count, speeds.slots, *row.shape), row.dtype) for row in shapes)
+    tables, _ = jax.lax.fori_loop(0, speeds.count * (end - begin), write, (empty, none))
+    if slots is not None:
+        nearest = jnp.clip(jnp.arange(speeds.slots), begin, end - 1)
+        tables = tuple(table[:, nearest] for table in tables)
+    return LiveCostToGo(*tables)
 
 
 def _forecast(
@@ -325,8 +398,15 @@ def known_live_cost_to_go(params: EnvParams) -> LiveCostToGo:
     return params.futures.cost_to_go
 
 
-def check_known(params: EnvParams, instances: Instance) -> None:
+def check_known(params: EnvParams, instances: Instance, level: Information | None = None) -> None:
     """Refuse walks that the levels ``map`` and ``live`` know nothing about; compiled programs could not.
+
+    Parameters
+    ----------
+    params, instances
+        The environment, and the walks.
+    level
+        What walkers see; by default the environment's level.
 
     Raises
     ------
@@ -334,7 +414,8 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         An environment that was made for a lower level; a destination that it was not made for; at level ``live``, or
         where hours differ, a future that is for another destination.
     """
-    if params.level not in ("map", "live"):
+    level = level or params.level
+    if level not in ("map", "live"):
         return
     destination, future = np.atleast_1d(instances.destination), np.atleast_1d(instances.future)
     number = np.asarray(known_cost_to_go(params).destination)[destination]
@@ -342,9 +423,11 @@ def check_known(params: EnvParams, instances: Instance) -> None:
         unknown = destination[number < 0][0]
         said = f"no costs of getting to node {unknown} are known"
         raise KnowledgeError(f"{said}; give it to make_environment among the destinations", field="destinations")
-    if params.level == "live":
+    if level == "live":
         known_live_cost_to_go(params)
-    elif params.expected.count == 1 and not params.waits.gates:
+    elif known_cost_to_go(params).table.shape[-2] < params.expected.slots:
+        raise KnowledgeError(f"{_TOO_LOW} map: costs were not worked out; leave out costs=False", field="level")
+    if level == "map" and params.expected.count == 1 and not params.waits.gates:
         return
     wrong = np.flatnonzero(number != np.asarray(params.futures.destination)[future])
     if len(wrong):

@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from sidestep.environment.types import EnvParams
+from sidestep.environment.types import EnvParams, Futures, Meant
+from sidestep.programs import program
 from sidestep.walking.crossing_time import crosser, crossing_time, exposure, slot_at
 from sidestep.walking.expected_times import RowOrTimes, Speeds, SpeedsOrTimes
 from sidestep.walking.objective import Crossing, Deferred, Numbers, Objective
@@ -24,8 +25,16 @@ def with_mean_waits(params: EnvParams) -> EnvParams:
 
 def as_expected(params: EnvParams) -> EnvParams:
     """The same where streets take their expected times, and lights their mean wait."""
-    futures = params.futures.first(params.expected.count)
-    return with_mean_waits(replace(params, futures=replace(futures, speeds=params.expected, cost_to_go=None)))
+    old = params.futures
+    futures = Futures(params.expected, *_first((old.destination, old.hour, old.phase), count=params.expected.count))
+    return replace(params, futures=futures, waits=params.waits.averaged())
+
+
+@program("count")
+def _first(meant: Meant, count: int) -> tuple[Array, Array, Array]:
+    """Of the first futures; in one program."""
+    destination, hour, phase = meant
+    return destination[:count], hour[:count], phase[:count]
 
 
 def cross(

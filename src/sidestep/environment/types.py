@@ -87,13 +87,16 @@ class Futures(eqx.Module):
         """Number of futures."""
         return self.speeds.count
 
-    def first(self, futures: int | None = None, slots: int | None = None) -> "Futures":
-        """The first futures in the first slots; None: all of them."""
-        if futures in (None, self.count) and slots is None:
-            return self
-        destination, hour, phase = self.destination[:futures], self.hour[:futures], self.phase[:futures]
-        costs = jax.tree.map(lambda leaf: leaf[:futures, :slots], self.cost_to_go)
-        return Futures(self.speeds.first(futures, slots), destination, hour, phase, costs)
+    def first(self, slots: int) -> "Futures":
+        """The same in the first slots."""
+        costs = jax.tree.map(lambda leaf: leaf[:, :slots], self.cost_to_go)
+        return replace(self, speeds=self.speeds.first(slots), cost_to_go=costs)
+
+    def taken(self, index: Int[Array, " taken"]) -> "Futures":
+        """The futures of these numbers, in this order."""
+        destination, hour, phase = self.destination[index], self.hour[index], self.phase[index]
+        costs = jax.tree.map(lambda leaf: leaf[index], self.cost_to_go)
+        return Futures(self.speeds.taken(index), destination, hour, phase, costs)
 
     def replaced(self, futures: "Futures", index: Int[Array, " new"]) -> "Futures":
         """The same with the futures of these numbers replaced by others."""
@@ -164,7 +167,8 @@ class EnvParams(eqx.Module):
 
     def begun_at(self, node: int) -> "EnvParams":
         """The same for walks that begin at a node, which may be in the middle of a street."""
-        return replace(self, waits=self.waits.begun_on(np.asarray(self.network.tail) == node))
+        waits = self.waits.begun_on(np.asarray(self.network.tail) == node)
+        return self if waits is self.waits else replace(self, waits=waits)
 
     def expected_for(self, future: Int[Array, "*n"]) -> Int[Array, "*n"]:
         """Which of the hours in ``expected`` belongs to one of the futures."""

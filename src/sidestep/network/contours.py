@@ -7,7 +7,6 @@ from typing import cast
 import contourpy
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.ndimage import distance_transform_edt
 
 from sidestep.network.snapping import SplitStreets
 from sidestep.network.town import Town
@@ -127,6 +126,8 @@ class Raster:
         Raster
             With room around them.
         """
+        from scipy.ndimage import distance_transform_edt  # which routes do without
+
         low, high = inside.min(axis=0) - 2 * BESIDE, inside.max(axis=0) + 2 * BESIDE
         size = max(CELL, float((high - low).max()) / MOST_CELLS)
         columns, rows = (np.ceil((high - low) / size).astype(int) + 1).tolist()

@@ -4,13 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
+import jax
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Float64, Int
 from shapely.ops import substring
 
-from sidestep.network.graph import ABSENT, SHUT, Areas, RoadNetwork, road_network
+from sidestep.network.graph import ABSENT, SHUT, Areas, RoadNetwork
 from sidestep.network.town import Town, TownError
 
 FARTHEST = 250.0
@@ -175,10 +177,25 @@ class SplitStreets:
         return self.town.projection.unproject(shapely.get_coordinates(piece))
 
 
+class _Segments(NamedTuple):
+    """The segments of a town."""
+
+    network: RoadNetwork
+    street: Int[np.ndarray, " segment"]
+    backwards: Bool[np.ndarray, " segment"]
+    """Whether each leads from its street's head to its tail."""
+    exit_of: Int[np.ndarray, " segment"]
+    """Which exit of its tail each is."""
+
+
 @lru_cache(maxsize=4)
-def _network_of(town: Town) -> RoadNetwork:
-    """The network of a town, made once."""
-    return town.network()
+def _segments_of(town: Town) -> _Segments:
+    """The segments of a town, made once."""
+    network = town.network()
+    exit_segment, exit_of = np.asarray(network.exit_segment), np.empty(network.segments, np.int32)
+    node, rank = np.nonzero(exit_segment != ABSENT)
+    exit_of[exit_segment[node, rank]] = rank
+    return _Segments(network, *town.street_of_segment(), exit_of)
 
 
 def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStreets:
@@ -196,9 +213,9 @@ def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStree
     SplitStreets
         The streets with a node at every point.
     """
-    base = _network_of(town)
-    position = [*np.asarray(base.position)]
+    base, street, backwards, exit_of = _segments_of(town)
     nodes: list[int] = []
+    new: list[Float[np.ndarray, 2]] = []
     stops: dict[int, list[tuple[float, int]]] = {}  # along the streets with points: fractions and nodes
     for point in points:
         if isinstance(point, int):
@@ -208,25 +225,40 @@ def split_streets(town: Town, points: Sequence[int | StreetPoint]) -> SplitStree
         there = stops.setdefault(point.street, [(0.0, int(tail)), (1.0, int(head))])
         away, node = min((abs(fraction - point.fraction) * length, node) for fraction, node in there)
         if away >= SAME_NODE:
-            node = len(position)
-            position.append(town.project(np.array(point.place[::-1])))
+            node = base.nodes + len(new)
+            new.append(town.project(np.array(point.place[::-1])))
             there.append((point.fraction, node))
         nodes.append(node)
-    street, backwards = town.street_of_segment()
-    # One row a segment: its parent, its tail and head, and the fractions at which it begins and ends.
-    rows = np.stack([np.arange(base.segments), base.tail, base.head, backwards, ~backwards], axis=1, dtype=np.float64)
-    added: list[tuple[float, ...]] = []
-    for segment in np.flatnonzero(np.isin(street, list(stops))).tolist():
+    with_points = np.zeros(town.streets, bool)
+    with_points[list(stops)] = True
+    # One row a piece: its parent, its tail and head, and the fractions at which it begins and ends.
+    pieces: list[list[tuple[float, ...]]] = []
+    for segment in np.flatnonzero(with_points[street]).tolist():
         along = sorted(stops[int(street[segment])], reverse=bool(backwards[segment]))
-        pieces = [(segment, tail, head, begin, end) for (begin, tail), (end, head) in pairwise(along)]
-        rows[segment] = pieces[0]
-        added += pieces[1:]
-    rows = np.concatenate([rows, np.reshape(added, (-1, 5))])
+        pieces.append([(segment, tail, head, begin, end) for (begin, tail), (end, head) in pairwise(along)])
+    first = np.reshape([each[0] for each in pieces], (-1, 5))
+    added = np.reshape([piece for each in pieces for piece in each[1:]], (-1, 5))
+    split = first[:, 0].astype(np.int64)
+    rows = np.stack([np.arange(base.segments), base.tail, base.head, backwards, ~backwards], axis=1, dtype=np.float64)
+    rows[split] = first
+    rows = np.concatenate([rows, added])
     parent, tail, head = rows[:, :3].astype(np.int64).T
     begin, end = rows[:, 3:].T
     length, width = np.asarray(base.length)[parent] * np.abs(end - begin), np.asarray(base.width)[parent]
-    areas = _areas_of_pieces(base, len(position), parent, tail, head)
-    network = road_network(np.stack(position), tail, head, length, width=width, exits=max(base.exits, 2), areas=areas)
+    # The exits of the town's crossings stay, but some lead to a point; the others are those of the points.
+    exits = ((0, len(new)), (0, max(2 - base.exits, 0)))
+    exit_node, exit_segment = (
+        np.pad(np.asarray(each), exits, constant_values=ABSENT) for each in (base.exit_node, base.exit_segment)
+    )
+    exit_node[tail[split], exit_of[split]] = head[split]
+    used = dict.fromkeys(range(base.nodes, base.nodes + len(new)), 0)
+    for segment, node in enumerate(tail[base.segments :].tolist(), start=base.segments):
+        exit_node[node, used[node]], exit_segment[node, used[node]] = head[segment], segment
+        used[node] += 1
+    position = np.concatenate([np.asarray(base.position), np.reshape(new, (-1, 2)).astype(np.float32)])
+    ends = (tail.astype(np.int32), head.astype(np.int32), length.astype(np.float32), width)
+    areas = _areas_of_pieces(base, len(position), parent, tail, head) or ()
+    network = RoadNetwork(*jax.device_put((position, exit_node, exit_segment, *ends, *areas)))
     return SplitStreets(town, network, tuple(nodes), parent, street[parent], begin, end)
 
 

@@ -1,6 +1,7 @@
 """The planner protocol, and the one way in which all planners walk."""
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +18,7 @@ from sidestep.environment.dynamics import random_exit
 from sidestep.environment.rollout import Walk, walk
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.errors import SidestepError
+from sidestep.programs import program
 
 
 class Plan(eqx.Module):
@@ -164,13 +166,46 @@ class Planned:
     decide: ClassVar[DecideByPlan] = staticmethod(keep_to_plan)
 
 
-@partial(jax.jit, static_argnames=("decide", "trace"))
-def _walk_all(
-    decide: DecideByPlan, params: EnvParams, plan: Plan, instances: Instance, keys: Key[Array, " walk"], trace: int
-) -> Walk:
-    def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
-        return walk(params, partial(decide, plan.shared, own), instance, key, trace)
+@dataclass(frozen=True)
+class _Named:
+    """A decision by its place in the source: as text, by which a compiled program may be found again."""
 
+    module: str
+    name: str
+
+    @staticmethod
+    def of(decide: Any) -> Any:
+        """The place of a decision; itself if it has none of its own."""
+        named = _Named(getattr(decide, "__module__", ""), getattr(decide, "__qualname__", ""))
+        return named if named() is decide else decide
+
+    def __call__(self) -> DecideByPlan | None:
+        """The decision."""
+        return getattr(sys.modules.get(self.module), self.name, None)
+
+
+@program("decide", "trace", "level", "alike")
+def _walk_all(
+    decide: "DecideByPlan | _Named",
+    params: EnvParams,
+    plan: Plan,
+    instances: Instance,
+    key: Key[Array, ""],
+    trace: int,
+    level: Information,
+    *,
+    alike: bool,
+) -> Walk:
+    params = replace(params, level=level)
+    choose: Any = decide() if isinstance(decide, _Named) else decide
+
+    def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
+        return walk(params, partial(choose, plan.shared, own), instance, key, trace)
+
+    keys = jax.random.split(key, instances.origin.shape[0])
+    if alike:  # one table for all walks, not a copy for each
+        own = jax.tree.map(lambda leaf: leaf[0], plan.own)
+        return jax.vmap(one, in_axes=(None, 0, 0))(own, instances, keys)
     return jax.vmap(one)(plan.own, instances, keys)
 
 
@@ -186,7 +221,7 @@ def walk_plan(
     params
         The environment, of the level that the planner observes or a higher one.
     plan, instances
-        The plan, and the walks that it is for.
+        The plan, and the walks that it is for: as many as it is of or, where it is of one walk, any number.
     key
         Source of all random numbers. The same key gives every planner the same ones.
     trace
@@ -202,10 +237,10 @@ def walk_plan(
     KnowledgeError
         Walks about which the environment's level knows nothing.
     """
-    keys = jax.random.split(key, instances.origin.shape[0])
-    params = replace(params, level=planner.observes)
-    check_known(params, instances)
-    return _walk_all(planner.decide, params, plan, instances, keys, trace)
+    check_known(params, instances, planner.observes)
+    walks = instances.origin.shape[0]
+    alike = any(leaf.shape[0] < walks for leaf in jax.tree.leaves(plan.own))
+    return _walk_all(_Named.of(planner.decide), params, plan, instances, key, trace, planner.observes, alike=alike)
 
 
 @checked(
@@ -255,7 +290,20 @@ def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Ar
     >>> route.nodes[0], route.nodes[-1], route.arrived
     (0, 8, True)
     """
-    walked = walk_plan(planner, params, planner.plan(params, instances), instances, key, trace)
+    return routes_along(planner, params, planner.plan(params, instances), instances, key, trace)
+
+
+def routes_along(
+    planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], trace: int
+) -> list[Route]:
+    """:func:`routes` of walks by a plan that was made before.
+
+    Returns
+    -------
+    list of Route
+        One for each instance.
+    """
+    walked = walk_plan(planner, params, plan, instances, key, trace)
     begins, head, walked = jax.device_get((instances, params.network.head, walked))
     found = []
     for walk_number, steps in enumerate(walked.steps.tolist()):

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
@@ -57,7 +57,7 @@ class Darp:
         return self.level
 
     def plan(self, _params: EnvParams, instances: Instance) -> Plan:
-        return Plan(self.policy, jnp.asarray(np.zeros(instances.origin.shape[0])))
+        return Plan(self.policy, jax.device_put(np.zeros(instances.origin.shape[0], np.float32)))
 
 
 @checked(ModelError, model=instance(Model, "a model, such as sidestep.load_model(folder)"))

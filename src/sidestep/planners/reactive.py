@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, Key
@@ -31,7 +32,7 @@ class _Reactive:
     decide: ClassVar[DecideByPlan] = staticmethod(follow_estimate)
 
     def plan(self, _params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, jnp.asarray(np.zeros(instances.origin.shape[0])))
+        return Plan(None, jax.device_put(np.zeros(instances.origin.shape[0], np.float32)))
 
 
 class GreedyLocal(_Reactive):

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Plan, Planned
+from sidestep.programs import on_device, program
 
 
 class ShortestPath(Planned):
@@ -33,9 +34,10 @@ class ShortestPath(Planned):
         departures = np.stack([hour, np.asarray(instances.departure)], axis=1) * params.waits.gates
 
         def best_exits(destination: int, departure: Float[np.ndarray, "2"]) -> np.ndarray:
-            length = np.asarray(metres_at(params, *jnp.asarray(departure)))
+            shut = params.waits.gates
+            length = np.asarray(_metres_at(params, *map(on_device, departure)) if shut else network.length)
             ahead = length[exit_segment] + distances_to(network, length, destination)[exit_node]
-            valid = np.asarray(network.exits_to(jnp.int32(destination)))
+            valid = np.asarray(_exits_to(network, on_device(destination, np.int32)))
             return np.eye(network.exits, dtype=bool)[np.where(valid, ahead, np.inf).argmin(axis=1)]
 
         return Plan(None, table_per_walk(best_exits, np.asarray(instances.destination), departures))
@@ -61,6 +63,15 @@ def metres_at(params: EnvParams, hour: Float[Array, ""], clock: Float[Array, ""]
     return params.network.length + params.free_speed * shut
 
 
+_metres_at = program()(metres_at)
+
+
+@program()
+def _exits_to(network: RoadNetwork, destination: Int[Array, ""]) -> Bool[Array, "node exit"]:
+    """The rule of :meth:`RoadNetwork.exits_to`, in one program."""
+    return network.exits_to(destination)
+
+
 def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> Float[np.ndarray, " node"]:
     """Find the least total weight from every node to one.
 
@@ -78,14 +89,12 @@ def distances_to(network: RoadNetwork, weight: np.ndarray, destination: int) -> 
     Float[np.ndarray, " node"]
         Infinite where no path leads to the destination that a walk may take.
     """
-    # Backwards, row by row: as a list of (head, tail, weight) SciPy would add up parallel segments.
-    tail, head = np.asarray(network.tail), np.asarray(network.head)
-    taken = np.asarray(network.exits_to(jnp.int32(destination)))
-    walked = np.sort(np.asarray(network.exit_segment)[taken])
-    order = walked[np.argsort(head[walked], kind="stable")]
-    first = np.searchsorted(head[order], np.arange(network.nodes + 1))
-    graph = csr_array((weight[order].astype(np.float64), tail[order], first), shape=(network.nodes, network.nodes))
-    return dijkstra(graph, indices=destination)
+    # Row by row, and then backwards: as a list of (head, tail, weight) SciPy would add up parallel segments.
+    taken = np.asarray(_exits_to(network, on_device(destination, np.int32)))
+    walked, first = np.asarray(network.exit_segment)[taken], np.append(0, taken.sum(axis=1).cumsum())
+    weights, heads = weight[walked].astype(np.float64), np.asarray(network.head)[walked]
+    graph = csr_array((weights, heads, first), shape=(network.nodes, network.nodes))
+    return dijkstra(graph.T, indices=destination)
 
 
 def table_per_walk(

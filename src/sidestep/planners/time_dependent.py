@@ -19,6 +19,7 @@ from sidestep.environment.crossing import cross_at_speeds, with_mean_waits
 from sidestep.environment.types import EnvParams, Instance, Level
 from sidestep.network.graph import RoadNetwork
 from sidestep.planners.base import Plan, Planned
+from sidestep.programs import program
 from sidestep.walking.crossing_time import CrossingRule, leaving_clock
 from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
 from sidestep.walking.waits import Wait
@@ -197,10 +198,16 @@ def least_cost_path(params: EnvParams, field: SpeedsOrTimes, instance: Instance)
     return path
 
 
-@jax.jit
+@program("foreseen")
 def _plan(
-    params: EnvParams, speeds: Speeds, which: Int[Array, " walk"], instances: Instance
+    params: EnvParams, instances: Instance, *, foreseen: bool
 ) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
+    """The best walks through the futures themselves, if these are ``foreseen``, or by expected times."""
+    if foreseen:
+        speeds, which = params.futures.speeds, instances.future
+    else:
+        params = with_mean_waits(params)
+        speeds, which = params.expected, params.expected_for(instances.future)
     if params.objective.needs_density:
         return jax.lax.map(lambda walk: least_cost_path(params, speeds.of(walk[0]), walk[1]), (which, instances))
     return jax.vmap(partial(fastest_exits, params, speeds))(which, instances)
@@ -217,8 +224,7 @@ class Expected(Planned):
     level: ClassVar[Level] = "map"
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        which = params.expected_for(instances.future)
-        return Plan(None, _plan(with_mean_waits(params), params.expected, which, instances))
+        return Plan(None, _plan(params, instances, foreseen=False))
 
 
 class Clairvoyant(Planned):
@@ -231,4 +237,4 @@ class Clairvoyant(Planned):
     level: ClassVar[Level] = "hindsight"
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, params.futures.speeds, instances.future, instances))
+        return Plan(None, _plan(params, instances, foreseen=True))

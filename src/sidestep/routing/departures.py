@@ -229,7 +229,7 @@ def departure_window(located: Located, planner: Planner, step: float | None, fut
         facts = departing.located.facts
         rows.append(
             DepartureTimes(
-                **vars(walks.times()),
+                **vars(walks.times),
                 departs=facts.departs,
                 departure=facts.departure,
                 departure_minutes=turn * seconds / MINUTE,

@@ -177,11 +177,10 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
     place = Projection.of(course).project(course)
     along = np.append(0.0, np.linalg.norm(np.diff(place, axis=0), axis=1).cumsum())
 
-    def bearing(begin: float, end: float) -> float:
-        east, north = (np.interp(end, along, column) - np.interp(begin, along, column) for column in place.T)
-        return float(np.degrees(np.arctan2(east, north))) % 360
-
-    return bearing(0.0, SIGHT), bearing(along[-1] - SIGHT, along[-1])
+    at = np.array([0.0, SIGHT, along[-1] - SIGHT, along[-1]])
+    (east, other_east), (north, other_north) = (np.diff(np.interp(at, along, column))[::2] for column in place.T)
+    begins, ends = np.degrees(np.arctan2((east, other_east), (north, other_north))).tolist()
+    return begins % 360, ends % 360
 
 
 def directions(legs: Sequence[Leg]) -> list[Step]:

@@ -15,6 +15,7 @@ from sidestep.network.town import Town
 from sidestep.planners.base import Planner
 from sidestep.planners.reactive import Snapshot
 from sidestep.planners.shortest_path import ShortestPath
+from sidestep.programs import on_device, program
 from sidestep.routing.clocks import Clock
 from sidestep.routing.directions import Leg, Step, directions
 from sidestep.routing.facts import End, SceneFacts, StreetMap
@@ -226,7 +227,7 @@ class LocatedInTown(Located):
     def pace(self) -> Float[Array, "segment step"] | None:
         """The same; pieces of streets are as slow as the whole ones."""
         whole = super().pace
-        return None if whole is None else whole[np.asarray(self.streets.parent)]
+        return None if whole is None else _taken(whole, on_device(self.streets.parent, np.int32))
 
     @property
     def nodes(self) -> int:
@@ -278,6 +279,12 @@ class LocatedInTown(Located):
                 replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
             )
         return named, directions(named), self.street_map(density)
+
+
+@program()
+def _taken(paces: Float[Array, "segment step"], segments: Int[Array, " piece"]) -> Float[Array, "piece step"]:
+    """Paces of some segments."""
+    return paces[segments]
 
 
 @lru_cache(maxsize=4)

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sidestep.arguments import INDEX, PATH, SEED, checked, instance
 from sidestep.planners.base import Planner
-from sidestep.planners.learned import Darp, load_planners
 from sidestep.planners.registry import BASELINE, find_planner
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Expected
@@ -40,6 +40,9 @@ from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.reader import find_scenario
 
+if TYPE_CHECKING:
+    from sidestep.planners.learned import Learned
+
 WINDOW = 2 * 3600.0
 """Seconds of departures that :meth:`Router.when` compares by default."""
 
@@ -49,8 +52,8 @@ class Router:
 
     Streets, crowds and a model are read when the router is made. The first route compiles programs, and the next ones
     reuse them, whatever their ends and departures. Programs are compiled anew for another planner, for another number
-    of futures, for the first request with live counts, and, for planners that see all counts, for walks more than
-    twice as long as those before. Several threads may share a router.
+    of futures, for the first request with live counts, and, in large towns, for walks by forecasts that take more than
+    twice as long as those before. They are kept on disk for later processes. Several threads may share a router.
 
     Parameters
     ----------
@@ -90,11 +93,15 @@ class Router:
         self.scenario = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
         self._map = draw_map(self.scenario, seed, index)
         self._locate = locator(self.scenario, self._map)
+        self._learned: Learned | None = None
+        if model is None:
+            return
+        from sidestep.planners import learned  # what agents learn with takes long to import
+
         with at_fault("model"):
-            self._learned = load_planners([] if model is None else [Path(model)], self.scenario, seed)
+            self._learned = learned.load_planners([Path(model)], self.scenario, seed)
         if self._learned.index not in (None, index):
             raise RouteError(f"the model remembers map {self._learned.index}, not {index}", field="model")
-        self._default = BASELINE if model is None else Darp.name
 
     def plan(
         self,
@@ -362,18 +369,19 @@ class Router:
             An end in the middle of a street (field ``origin`` or ``destination``).
         """
         check_planner(asked)
-        planner = self._default if asked is None else asked
+        model = self._learned
+        planner = (BASELINE if model is None else next(iter(model.planners))) if asked is None else asked
         if not isinstance(planner, str):
             return planner
-        if planner not in self._learned.planners:
+        if model is None or planner not in model.planners:
             with at_fault("planner"):
                 return find_planner(planner)
         for field, end in zip(("origin", "destination"), located.ends, strict=True):
-            if self._learned.index is not None and end.node >= self._map.network.nodes:
+            if model.index is not None and end.node >= self._map.network.nodes:
                 raise RouteError(f"the model remembers nodes; give the {field} as one", field=field)
         with at_fault("destination"):
-            self._learned.check_destination(located.ends[1].node)
-        return self._learned.planners[planner]
+            model.check_destination(located.ends[1].node)
+        return model.planners[planner]
 
 
 def plan_route(

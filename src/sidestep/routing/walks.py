@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 from typing import TypeVar
 
 import jax
@@ -13,10 +13,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Walk
-from sidestep.environment.types import EnvParams, Instance
-from sidestep.evaluation.metrics import spread
-from sidestep.planners.base import Plan, Planner, Route, routes, walk_plan
+from sidestep.environment.types import EnvParams, Futures, Instance
+from sidestep.evaluation.metrics import in_time, spread
+from sidestep.planners.base import Plan, Planner, Route, routes_along, walk_plan
 from sidestep.planners.reactive import Snapshot
+from sidestep.programs import on_device, program
 from sidestep.routing.alternatives import alternatives
 from sidestep.routing.directions import Leg, crowding_word, mean_density, opening_word
 from sidestep.routing.located import Located
@@ -24,10 +25,14 @@ from sidestep.routing.plan import BaselineTimes, RoutePlan, WalkTimes
 from sidestep.routing.request import RouteRequest
 from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
+from sidestep.walking.expected_times import Speeds
 
 T = TypeVar("T", Route, Walk)
 FIRST_SLOTS = 4
-"""Slots whose counts are shown to planners that see all counts; doubled until everybody has arrived within them."""
+"""Slots whose counts are shown where nobody knows how long a walk takes."""
+LONGER = 1.3
+"""Seconds for each of the walk by expected times, in which others may take: counts of slots within them are shown to
+planners that see all counts, and of twice as many where somebody takes longer."""
 _LEGS_AT_ONCE = 64  # a route's legs are filled up to a multiple, so that routes of many lengths share programs
 
 
@@ -90,7 +95,9 @@ class Walks:
     arrived: Bool[np.ndarray, " future"]
     exposure: Float[np.ndarray, " future"] | None
 
+    @cached_property
     def times(self) -> WalkTimes:
+        """Their median and the like."""
         found, rate = spread(self.minutes, self.arrived, None), float(self.arrived.mean())
         return WalkTimes(
             level=self.planner.level,
@@ -100,14 +107,21 @@ class Walks:
             arrival_rate=rate,
         )
 
+    def in_time(self, by: float, horizon: float) -> float:
+        """The share that arrives within some minutes, and before the horizon."""
+        return float(in_time(self.minutes, self.arrived, by, horizon).mean())
+
     def against(self, plan: "Walks") -> BaselineTimes:
         """In the mean of those futures that both walked."""
         count, met = len(self.minutes), None
         if self.exposure is not None and plan.exposure is not None:
             met = float(np.mean(self.exposure - plan.exposure[:count]))
-        there = replace(plan, minutes=plan.minutes[:count], arrived=plan.arrived[:count]).times()
+        both = plan
+        if count < len(plan.minutes):
+            both = replace(plan, minutes=plan.minutes[:count], arrived=plan.arrived[:count])
+        there = both.times
         return BaselineTimes(
-            **vars(self.times()),
+            **vars(self.times),
             plan_median_minutes=there.median_minutes,
             plan_p90_minutes=there.p90_minutes,
             mean_difference_minutes=float(np.mean(self.minutes - plan.minutes[:count])),
@@ -131,52 +145,61 @@ class Walker:
     def __init__(self, located: Located, planner: Planner, futures: int | None = None) -> None:
         scenario, here = located.scenario, located.scenario_map
         self.located, self.planner, self.key = located, planner, purpose_key(here, "test")
-        observed = {each.observes for each in (planner, *located.baselines)}
+        looking = [each for each in (planner, *located.baselines) if each.observes in ("map", "live")]
         self.params = make_environment(
             scenario,
             here,
             "test",
             futures or located.futures_of(planner, located.futures),
-            level="map" if observed & {"map", "live"} else "position",
+            level="map" if looking else "position",
             destinations=np.array([[located.ends[1].node]]),
             hours=located.hours,
             pace=located.pace,
+            costs=any(map(_looks_ahead, looking)),
             densities=True,
         ).begun_at(located.ends[0].node)
         self.alone = as_expected(self.params)
-        self.density = np.asarray(self.params.expected.of(jnp.int32(0)).known_density)
+        self.density = np.asarray(_densities(self.params.expected))
+        self._plans: list[tuple[Planner, Plan]] = []
+        self._instances: dict[int, Instance] = {}
 
     def departing(self, clock: float) -> "Walker":
         """The same with another departure, in seconds since the scenario's start."""
         other = copy(self)
         other.located = self.located.departing(clock)
+        other._plans, other._instances = [], {}  # noqa: SLF001 - of this class
         return other
 
     def expected_route(self, planner: Planner) -> Route:
         """All of the walk by expected times, however long it is."""
 
         def whole(params: EnvParams) -> Route:
-            trace = params.network.nodes
+            plan, todo, trace = self._plan(planner, params), self.instances(1), params.network.nodes
             while True:
-                (route,) = routes(planner, params, self.instances(1), self.key, trace)
+                (route,) = routes_along(planner, params, plan, todo, self.key, trace)
                 if len(route.segments) < trace:
                     return route
                 trace *= 8  # it may go on
 
-        return self._informed(planner, self.alone, 0.0, whole)
+        return self._informed(planner, self.alone, FIRST_SLOTS * self.located.scenario.slot_seconds / LONGER, whole)
 
     def walk(self, planner: Planner, futures: int, seconds: float) -> Walks:
         """Walk through the first of the futures; ``seconds`` is about how long that takes."""
-        todo = self.instances(futures)
+        todo = self.instances(size := _size(futures))
 
         def through(params: EnvParams) -> Walk:
-            return walk_plan(planner, params, self._plan(planner, params, todo), todo, self.key)
+            hindsight = planner.level == "hindsight"
+            plan = planner.plan(params, todo) if hindsight else self._plan(planner, params)
+            return walk_plan(planner, params, plan, todo, self.key)
 
-        params = replace(self.params, futures=self.params.futures.first(futures))
-        walked = self._informed(planner, params, 1.2 * seconds, through)
-        minutes, exposure = np.asarray(walked.seconds, np.float64) / 60, walked.measures.get("exposure")
-        met = None if exposure is None else np.asarray(exposure, np.float64)
-        return Walks(planner, minutes, np.asarray(walked.arrived), met)
+        params, drawn = self.params, self.params.futures
+        if not futures == size == drawn.count:
+            params = replace(params, futures=_some(drawn, on_device(np.arange(size) % futures, np.int32)))
+        walked = self._informed(planner, params, seconds, through)
+        exposure = walked.measures.get("exposure")
+        met = None if exposure is None else np.asarray(exposure, np.float64)[:futures]
+        minutes = np.asarray(walked.seconds, np.float64)[:futures] / 60
+        return Walks(planner, minutes, np.asarray(walked.arrived)[:futures], met)
 
     def described(
         self, route: Route, walks: Walks, by: float | None, baselines: Mapping[str, BaselineTimes]
@@ -187,7 +210,7 @@ class Walker:
         legs, steps, streets = located.on_map(self._legs(route), self.density[:, slot])
         return RoutePlan(
             **vars(located.facts),
-            **vars(walks.times()),
+            **vars(walks.times),
             origin=origin,
             destination=destination,
             by_minutes=by,
@@ -204,7 +227,7 @@ class Walker:
             crowding=crowding_word(mean_density(legs)),
             exposure=sum(leg.exposure for leg in legs),
             too_dense=sum(leg.too_dense for leg in legs),
-            arrive_by=spread(walks.minutes, walks.arrived, by, located.scenario.horizon / 60)["arrive_by"],
+            arrive_by=None if by is None else walks.in_time(by, located.scenario.horizon / 60),
             baselines=baselines,
             streets=streets,
         )
@@ -227,42 +250,46 @@ class Walker:
         Route or Walk
             What ``walk`` returns.
         """
-        scenario, departure = self.located.scenario, self.located.clock
         if planner.observes != "live":
             return walk(params)
-        slots, forecasts = FIRST_SLOTS, planner.name != Snapshot.name
-        while slots * scenario.slot_seconds < departure + seconds:
-            slots *= 2
+        scenario, departure = self.located.scenario, self.located.clock
+        slot_seconds, forecasts = scenario.slot_seconds, _looks_ahead(planner)
+        first = min(int(departure // slot_seconds), scenario.slots - 1)
+        after = max(int((departure + LONGER * seconds) // slot_seconds), first) + 1
         while True:
-            flow, shown = self.located.scenario_map.flow, min(slots, scenario.slots)
-            found = walk(see_counts(scenario, flow, params, shown, forecasts=forecasts))
-            latest = departure + float(np.max(found.seconds))
-            if latest <= slots * scenario.slot_seconds or slots >= scenario.slots:
+            flow, after = self.located.scenario_map.flow, min(after, scenario.slots)
+            found = walk(see_counts(scenario, flow, params, (first, after), forecasts=forecasts))
+            latest = departure + float(np.asarray(found.seconds).max())
+            if latest <= after * slot_seconds or after >= scenario.slots:
                 return found
-            slots *= 2
+            after += after - first
 
-    def _plan(self, planner: Planner, params: EnvParams, todo: Instance) -> Plan:
-        """One plan serves all futures, except in hindsight."""
-        if planner.level == "hindsight":
-            return planner.plan(params, todo)
-        plan = planner.plan(params, self.instances(1))
-        own = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), len(todo.origin), axis=0), plan.own)
-        return replace(plan, own=own)
+    def _plan(self, planner: Planner, params: EnvParams) -> Plan:
+        """One plan serves all futures: planners know of none of them, and of what is expected the same in each."""
+        if planner.observes == "live":
+            return planner.plan(params, self.instances(1))
+        plan = next((plan for other, plan in self._plans if other is planner), None)
+        if plan is None:
+            plan = planner.plan(self.alone, self.instances(1))
+            self._plans.append((planner, plan))
+        return plan
 
     def instances(self, count: int) -> Instance:
         """The walk that was asked for in the first ``count`` futures."""
-        origin, destination = (jnp.full(count, end.node, jnp.int32) for end in self.located.ends)
-        departure = jnp.full(count, self.located.clock, jnp.float32)
-        return Instance(origin, destination, departure, jnp.arange(count, dtype=jnp.int32))
+        if count not in self._instances:
+            origin, destination = (np.full(count, end.node, np.int32) for end in self.located.ends)
+            departure, future = np.full(count, self.located.clock, np.float32), np.arange(count, dtype=np.int32)
+            self._instances[count] = Instance(*jax.device_put((origin, destination, departure, future)))
+        return self._instances[count]
 
     def _legs(self, route: Route) -> list[Leg]:
         """The segments of a route by expected times."""
         params = replace(self.alone, objective=self.alone.objective.measured())  # crossings then tell the crowds met
         length, expected, density = np.asarray(params.network.length), params.expected, self.density
-        hour, number = float(params.futures.hour[0]), len(route.segments)
+        hour, number = self.located.hours[0], len(route.segments)
         padding = (0, -number % _LEGS_AT_ONCE)
-        segment, clock = np.pad(np.array(route.segments, np.int32), padding), np.pad(route.clocks[:number], padding)
-        found = jax.device_get(_crossed(params, segment, np.asarray(clock, np.float32)))
+        segment, clock = np.pad(route.segments, padding), np.pad(route.clocks[:number], padding)
+        found = jax.device_get(_crossed(params, on_device(segment, np.int32), on_device(clock)))
 
         def leg(segment: int, before: float, after: float, exposure: float, too_dense: float, shut: float) -> Leg:
             slot = min(int((before + after) / 2 // expected.slot_seconds), expected.slots - 1)
@@ -281,10 +308,49 @@ class Walker:
         return list(map(leg, *walked, *(column[:number].tolist() for column in found)))
 
 
-@jax.jit
-@partial(jax.vmap, in_axes=(None, 0, 0))
-def _crossed(params: EnvParams, segment: Int[Array, ""], clock: Float[Array, ""]) -> tuple[Array, Array, Array]:
+def _looks_ahead(planner: Planner) -> bool:
+    """Whether a planner that sees all counts, or the map, looks at more than counts as they stand."""
+    return planner.name != Snapshot.name
+
+
+def _size(futures: int) -> int:
+    """How many walks are walked at a time: as many as there are futures, or the next of 1, 2, 5, 10, 20, 50, ….
+
+    Some futures are then walked twice, and few programs compiled.
+
+    Parameters
+    ----------
+    futures
+        How many there are.
+
+    Returns
+    -------
+    int
+        As many, or more.
+    """
+    tens = 10 ** (len(str(futures)) - 1)
+    return next(times * tens for times in (1, 2, 5, 10) if futures <= times * tens)
+
+
+@program()
+def _some(futures: Futures, which: Int[Array, " future"]) -> Futures:
+    """Some of the futures, in this order."""
+    return futures.taken(which)
+
+
+@program()
+def _densities(expected: Speeds) -> Float[Array, "segment slot"]:
+    """Persons/m² that are expected at the only hour."""
+    return expected.of(jnp.int32(0)).known_density
+
+
+@program()
+def _crossed(params: EnvParams, segment: Int[Array, " leg"], clock: Float[Array, " leg"]) -> tuple[Array, Array, Array]:
     """Exposure on segments in the only future, whether it is too dense there, and seconds until they open."""
     future = jnp.int32(0)
-    met = cross(params, future, segment, clock).measures
-    return met["exposure"], jnp.asarray(met["too_dense"], float), params.gates_in(future)(segment, clock)
+
+    def one(segment: Array, clock: Array) -> tuple[Array, Array, Array]:
+        met = cross(params, future, segment, clock).measures
+        return met["exposure"], jnp.asarray(met["too_dense"], float), params.gates_in(future)(segment, clock)
+
+    return jax.vmap(one)(segment, clock)

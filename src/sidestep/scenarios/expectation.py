@@ -5,10 +5,12 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Key
 
 from sidestep.crowds.base import FlowModel
 from sidestep.network.graph import RoadNetwork
+from sidestep.programs import on_device, program
 from sidestep.scenarios.maps import ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
 from sidestep.walking.crossing_time import CrossingRule, mean_crossing_times
@@ -142,11 +144,11 @@ def expected_pace(scenario: Scenario, scenario_map: ScenarioMap, hour: float) ->
         As :func:`sidestep.scenarios.futures.make_environment` takes them; None where crowds come as they are expected.
     """
     key, crowds = purpose_key(scenario_map, "expect"), Crowds.of(scenario, scenario_map.flow)
-    hours = jnp.full(1, hour, jnp.float32)
+    hours = on_device(np.array([hour]))
     expectation = Expectation(crowds, scenario_map.network, key, hours, scenario.rule, None, densities=False)
     return None if expectation.is_certain else _pace(expectation)
 
 
-@jax.jit
+@program()
 def _pace(expectation: Expectation) -> Float[Array, "segment step"]:
     return expectation.pace(expectation.hours)[0]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -12,11 +11,18 @@ from jaxtyping import Array, Float, Int, Key
 
 from sidestep.arguments import COUNT, FLAG, NUMBER, checked, each, instance, one_of, whole
 from sidestep.crowds.base import Field, FlowModel
-from sidestep.environment.cost_to_go import WINDOW, expected_cost_to_go, live_cost_to_go
+from sidestep.environment.cost_to_go import (
+    WINDOW,
+    Slots,
+    expected_cost_to_go,
+    live_cost_to_go,
+    unknown_cost_to_go,
+)
 from sidestep.environment.types import (
     DENSITY_SCALE,
     LEVELS,
     EnvParams,
+    ExpectedCostToGo,
     Futures,
     Information,
     LiveCostToGo,
@@ -25,13 +31,20 @@ from sidestep.environment.types import (
     futures_in_turn,
 )
 from sidestep.network.graph import RoadNetwork
+from sidestep.programs import on_device, program
 from sidestep.scenarios.episodes import MOST_NUMBERED, NODES, check_nodes, destinations_of
 from sidestep.scenarios.expectation import Crowds, Expectation
 from sidestep.scenarios.maps import A_MAP, PURPOSES, Purpose, ScenarioMap, purpose_key
 from sidestep.scenarios.model import A_SCENARIO, Scenario, objective_of, reward_of
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.walking.crossing_time import CrossingRule
+from sidestep.walking.expected_times import Speeds
 from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
+
+MOST_NUMBERS = 2**24
+"""Costs from counts, up to which they are kept for all slots."""
+FEWEST_SLOTS = 16
+"""Slots that they are kept for otherwise, or twice, four times, … as many."""
 
 
 @checked(
@@ -44,6 +57,7 @@ from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speed
     destinations=NODES,
     hours=each(NUMBER, "a list of hours of the week"),
     part=whole(0, MOST_NUMBERED),
+    costs=FLAG,
     densities=FLAG,
     samples=whole(0, MOST_NUMBERED),
     pace=instance(jax.Array, "an array, such as expected_pace gives"),
@@ -58,6 +72,7 @@ def make_environment(
     destinations: Int[np.ndarray, "destination part"] | None = None,
     hours: Sequence[float] | None = None,
     part: int = 0,
+    costs: bool = True,
     densities: bool = False,
     samples: int | None = None,
     pace: Float[Array, "segment step"] | None = None,
@@ -82,6 +97,9 @@ def make_environment(
         Hour of the week at which walks to each destination set out; by default the scenario's.
     part
         Each part of a comparison has futures of its own.
+    costs
+        Whether costs of getting to the destinations are worked out from level ``map`` on. Without them walkers may look
+        at snapshots only (:func:`see_counts`).
     densities
         Whether densities are kept beside speeds even where the objective does not need them.
     samples
@@ -120,26 +138,30 @@ def make_environment(
         raise ScenarioError(f"{said}, not {len(hours)}", field="hours")
     hours = scenario.place.departure_hours(len(nodes), part * futures) if hours is None else hours
     objective = objective_of(scenario.objective)
-    return _environment(
+    rule, network, free_speed = scenario.rule, scenario_map.network, scenario.walker.free_speed
+    rest = {"horizon": on_device(scenario.horizon), "reward": reward_of(scenario.reward)}
+    rest |= {"objective": objective, "waits": scenario_map.waits}
+    drawn, expected, known = _environment(
         Crowds.of(scenario, scenario_map.flow_for(purpose)),
         Crowds.of(scenario, scenario_map.flow),
         purpose_key(scenario_map, purpose, part),
         purpose_key(scenario_map, "expect"),
-        jnp.asarray(hours, jnp.float32),
-        jnp.asarray(nodes, jnp.int32),
+        on_device(np.array(hours)),
+        on_device(nodes, np.int32),
         futures=futures,
         samples=samples,
         pace=pace,
+        costs=costs,
         densities=densities or objective.needs_density,
         level=level,
-        rule=scenario.rule,
-        network=scenario_map.network,
-        horizon=jnp.float32(scenario.horizon),
-        reward=reward_of(scenario.reward),
-        objective=objective,
-        waits=scenario_map.waits,
-        free_speed=scenario.walker.free_speed,
+        network=network,
+        rule=rule,
+        free_speed=free_speed,
+        rest=rest,
     )
+    # Only what was worked out is returned: streets and waits would be copied.
+    given: dict[str, Any] = {"level": level, "rule": rule, "free_speed": free_speed, **rest}
+    return EnvParams(network, drawn, expected, cost_to_go=known, **given)
 
 
 def sample_futures(
@@ -195,7 +217,7 @@ def replace_futures(
 
 
 def see_counts(
-    scenario: Scenario, flow: FlowModel, params: EnvParams, slots: int, *, forecasts: bool = True
+    scenario: Scenario, flow: FlowModel, params: EnvParams, slots: tuple[int, int], *, forecasts: bool = True
 ) -> EnvParams:
     """The same environment for walkers of level ``live``.
 
@@ -206,17 +228,26 @@ def see_counts(
     params
         An environment of level ``map`` at least, with densities.
     slots
-        How many slots, from the first on, counts and forecasts are shown of; after the last of them walkers see what
-        they saw in it. Forecasts take much longer than all else: leave out slots in which everybody has arrived.
+        The first slot of which counts and forecasts are shown, and the one after the last; before and after these
+        walkers see what they see in the nearest one. Forecasts take much longer than all else: leave out slots in which
+        nobody walks.
     forecasts
         Whether forecasts are worked out; else there are none, for walkers who do not look at them.
 
     Returns
     -------
     EnvParams
-        Its futures have the costs that follow from counts and forecasts.
+        Its futures have the costs that follow from counts and forecasts, in all slots or, where that would be many
+        numbers, in as many of the first ones as hold ``slots``: a power of two, so that few programs are compiled.
     """
-    return _with_counts(Crowds.of(scenario, flow), params, slots, forecasts=forecasts)
+    network, futures = params.network, params.futures
+    kept, numbers = scenario.slots, network.nodes + forecasts * 2 * network.segments
+    if futures.count * kept * numbers > MOST_NUMBERS:
+        kept = min(kept, max(FEWEST_SLOTS, 1 << (slots[1] - 1).bit_length()))
+    costs = _with_counts(Crowds.of(scenario, flow), params, *np.array(slots, np.int32), kept=kept, forecasts=forecasts)
+    if kept < scenario.slots:
+        futures = futures.first(slots=kept)
+    return replace(params, futures=replace(futures, cost_to_go=costs), level="live")
 
 
 _replaced = jax.jit(Futures.replaced)
@@ -227,7 +258,7 @@ def _in_turn(params: EnvParams, first: Int[Array, ""] | int, futures: int, among
     return (first + jnp.arange(futures)) % min(among or params.futures.count, params.futures.count)
 
 
-@partial(jax.jit, static_argnames=("futures", "samples", "densities", "level", "rule", "free_speed"))
+@program("futures", "samples", "costs", "densities", "level", "rule", "free_speed")
 def _environment(
     crowds: Crowds,
     learned: Crowds,
@@ -239,22 +270,30 @@ def _environment(
     futures: int,
     samples: int | None,
     pace: Float[Array, "segment step"] | None,
+    costs: bool,
     densities: bool,
     level: Information,
     network: RoadNetwork,
     rule: CrossingRule,
-    **rest: Any,
-) -> EnvParams:
+    free_speed: float,
+    rest: dict[str, Any],
+) -> tuple[Futures, Speeds, ExpectedCostToGo | None]:
+    """Futures, what is expected, and from level ``map`` on the costs of getting to the destinations."""
     expectation = Expectation(learned, network, key_of_expected, hours, rule, samples, densities)
     expected = expectation.speeds(pace=pace)
-    params = EnvParams(network, futures_in_turn(expected, hours), expected, level=level, rule=rule, **rest)
+    given: dict[str, Any] = {"level": level, "rule": rule, "free_speed": free_speed, **rest}
+    params = EnvParams(network, futures_in_turn(expected, hours), expected, **given)
     if level in ("map", "live"):
         nothing = jnp.zeros((len(destinations), network.nodes), bool)
         where = nothing.at[jnp.arange(len(destinations))[:, None], destinations].set(True)
-        scaled = expectation.speeds(DENSITY_SCALE) if expected.interpolated else None
-        params = replace(params, cost_to_go=expected_cost_to_go(params, where, hours, scaled))
+        if costs:
+            scaled = expectation.speeds(DENSITY_SCALE) if expected.interpolated else None
+            known = expected_cost_to_go(params, where, hours, scaled)
+        else:
+            known = unknown_cost_to_go(where)
+        params = replace(params, cost_to_go=known)
     number = expected.count if crowds.as_expected else futures
-    return replace(params, futures=_drawn(crowds, params, key, destinations_in_turn(number, hours)))
+    return _drawn(crowds, params, key, destinations_in_turn(number, hours)), expected, params.cost_to_go
 
 
 @jax.jit
@@ -274,18 +313,26 @@ def _drawn(crowds: Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant)
     return replace(futures, cost_to_go=_live_cost_to_go(crowds, replace(params, futures=futures), field))
 
 
-def _live_cost_to_go(crowds: Crowds, params: EnvParams, field: Field) -> LiveCostToGo:
+def _live_cost_to_go(
+    crowds: Crowds, params: EnvParams, field: Field, slots: Slots | None = None, *, forecasts: bool = True
+) -> LiveCostToGo:
     def ahead(now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""]) -> SpeedField:
         forecast = replace(field, counted=crowds.flow.ahead(now, hour, slot, WINDOW))
         return dense_speeds(params.network, forecast, crowds.law, densities=params.objective.needs_density)
 
-    return live_cost_to_go(params, field.counted, ahead)
+    return live_cost_to_go(params, field.counted, ahead, slots, forecasts=forecasts)
 
 
-@partial(jax.jit, static_argnames=("slots", "forecasts"))
-def _with_counts(crowds: Crowds, params: EnvParams, slots: int, *, forecasts: bool) -> EnvParams:
-    shown = replace(params, futures=params.futures.first(slots=slots))
-    costs = _live_cost_to_go(crowds, shown, shown.futures.speeds.field(params.network))
-    if not forecasts:  # the compiler then leaves out what they take
-        costs = replace(costs, forecast=None)
-    return replace(params, futures=replace(params.futures, cost_to_go=costs), level="live")
+@program("kept", "forecasts")
+def _with_counts(
+    crowds: Crowds,
+    params: EnvParams,
+    first: Int[Array, ""],
+    after: Int[Array, ""],
+    *,
+    kept: int,
+    forecasts: bool,
+) -> LiveCostToGo:
+    shown = replace(params, futures=params.futures.first(slots=kept))
+    field = shown.futures.speeds.field(params.network)
+    return _live_cost_to_go(crowds, shown, field, (first, after), forecasts=forecasts)

@@ -10,9 +10,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key, UInt32
 
 from sidestep.arguments import INDEX, SEED, checked, instance
+from sidestep.compilation import keep_compiled
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.counts import CountTable, latest_counts
 from sidestep.errors import SidestepError
@@ -20,7 +21,7 @@ from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
 from sidestep.network.parts import TownPart
 from sidestep.network.snapping import Snapper, SplitStreets
-from sidestep.programs import on_device
+from sidestep.programs import on_device, program
 from sidestep.scenarios.crowd_sources import HOUR, check_crowds, crowds_of
 from sidestep.scenarios.grids import on_grids
 from sidestep.scenarios.model import A_SCENARIO, Scenario
@@ -80,9 +81,9 @@ class ScenarioMap(eqx.Module):
         ScenarioMap
             Its nodes and segments have the numbers of ``streets``.
         """
-        fraction = np.asarray(streets.fraction, np.float32)
+        parent, fraction = on_device(streets.parent, np.int32), on_device(streets.fraction)
         flow, waits, pace = _pieces(
-            self.flow, self.waits, self.network.pace, streets.parent, fraction, streets.begins_at_crossing
+            self.flow, self.waits, self.network.pace, parent, fraction, on_device(streets.begins_at_crossing, np.bool_)
         )
         network = replace(streets.network, pace=pace)
         return ScenarioMap(network, flow, flow, self.key, (network.nodes,), self.sensors, waits=waits)
@@ -137,6 +138,7 @@ def draw_map(scenario: Scenario, seed: int, index: int = 0) -> ScenarioMap:
     >>> drawn.network.nodes, drawn.network.segments
     (9, 24)
     """
+    keep_compiled()  # programs are compiled for the map next
     key = _key(seed, index)
     match scenario.place:
         case Grid() as grid:
@@ -174,6 +176,7 @@ def draw_training_map(scenario: Scenario, seed: int, index: int = 0) -> Scenario
     >>> draw_training_map(scenario("unseen-maps", side=3, crowded_nodes=1, training_maps=2), seed=0).parts
     (9, 9)
     """
+    keep_compiled()
     match scenario.place:
         case Grid(training_maps=number) as grid if number:
             seeds = [(seed, another, _LEARN) for another in range(number)]
@@ -210,9 +213,9 @@ def _venue_map(venue: Venue, walker: Walker, slot_seconds: float, law: Law) -> S
     if part.left_out:
         whole = _on_part(whole, part)
     if (pace := walker.paces(part.town)) is not None:
-        whole = replace(whole, network=replace(whole.network, pace=jnp.asarray(pace)))
+        whole = replace(whole, network=replace(whole.network, pace=on_device(pace)))
     if (lifts := walker.lift_waits(part.town)) is not None:
-        whole = replace(whole, waits=whole.waits.with_fixed(jnp.asarray(lifts)))
+        whole = replace(whole, waits=whole.waits.with_fixed(on_device(lifts)))
     origins, destinations = (ends_of(venue, walker, name) for name in ENDS)
     return replace(whole, origins=origins, destinations=destinations)
 
@@ -235,7 +238,7 @@ def _on_part(whole: ScenarioMap, part: TownPart) -> ScenarioMap:
     return replace(whole, network=part.town.network(), flow=flow, test_flow=test_flow, waits=waits)
 
 
-@jax.jit  # of all arrays at once: one by one, each costs a millisecond
+@program()  # of all arrays at once: one by one, each costs a millisecond
 def _pieces(
     flow: FlowModel,
     waits: AnyWaits,
@@ -326,8 +329,16 @@ def mistakes(venue: Venue, walker: Walker) -> list[Fault]:
 
 def purpose_key(scenario_map: ScenarioMap, purpose: Purpose, part: int = 0) -> Key[Array, ""]:
     """The random stream of one purpose on one map; ``part`` numbers independent streams within it."""
-    key = jax.random.fold_in(scenario_map.key, PURPOSES.index(purpose))
-    return jax.random.fold_in(key, part) if part else key
+    numbers = (PURPOSES.index(purpose), part) if part else (PURPOSES.index(purpose),)
+    return _folded(scenario_map.key, on_device(np.array(numbers), np.uint32))
+
+
+@program()
+def _folded(key: Key[Array, ""], numbers: UInt32[Array, " n"]) -> Key[Array, ""]:
+    """A key with some numbers folded into it, one after the other."""
+    for number in numbers:
+        key = jax.random.fold_in(key, number)
+    return key
 
 
 def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: datetime) -> tuple[ScenarioMap, int]:

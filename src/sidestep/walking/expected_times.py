@@ -3,6 +3,7 @@
 The time in the mean crowd is not the mean time: streets that jam in some of the futures take longer than it says.
 """
 
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import equinox as eqx
@@ -115,9 +116,13 @@ class ExpectedTimes(eqx.Module):
     def density_at(self, hour: Index, segment: Segments, slot: Index) -> Numbers:
         return self.mean.density_at(hour, segment, slot)
 
-    def first(self, hours: int | None = None, slots: int | None = None) -> "ExpectedTimes":
-        """The first of the hours, with densities in the first slots only; None: all of them."""
-        return ExpectedTimes(self.mean.first(hours, slots), self.seconds[:hours], self.length, self.step_seconds)
+    def first(self, slots: int) -> "ExpectedTimes":
+        """The same with densities in the first slots only."""
+        return replace(self, mean=self.mean.first(slots))
+
+    def taken(self, index: Int[Array, " taken"]) -> "ExpectedTimes":
+        """The hours of these numbers, in this order."""
+        return ExpectedTimes(self.mean.taken(index), self.seconds[index], self.length, self.step_seconds)
 
     def replaced(self, times: Any, index: Int[Array, " new"]) -> "ExpectedTimes":
         """The same with the hours of these numbers replaced by those of other ``times``."""

@@ -86,9 +86,13 @@ class SpeedField(eqx.Module):
         """Densities in persons/m² on segments in a slot of one of the futures."""
         return self.known_density[future, segment, slot]
 
-    def first(self, futures: int | None = None, slots: int | None = None) -> "SpeedField":
-        """The first of the futures in the first slots; None: all of them."""
-        return jax.tree.map(lambda leaf: leaf[:futures, :, :slots], self)
+    def first(self, slots: int) -> "SpeedField":
+        """The same in the first slots."""
+        return jax.tree.map(lambda leaf: leaf[..., :slots], self)
+
+    def taken(self, index: Int[Array, " taken"]) -> "SpeedField":
+        """The futures of these numbers, in this order."""
+        return jax.tree.map(lambda leaf: leaf[index], self)
 
     def replaced(self, speeds: Any, index: Int[Array, " new"]) -> "SpeedField":
         """The same with the futures of these numbers replaced by those of other, similar ``speeds``."""
@@ -182,8 +186,11 @@ class SensedSpeeds(eqx.Module):
     def density_at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         return self.crowds.density_at(future, segment, slot)
 
-    def first(self, futures: int | None = None, slots: int | None = None) -> "SensedSpeeds":
-        return self._of(self.crowds.counted[:futures, :slots])
+    def first(self, slots: int) -> "SensedSpeeds":
+        return self._of(self.crowds.counted[:, :slots])
+
+    def taken(self, index: Int[Array, " taken"]) -> "SensedSpeeds":
+        return self._of(self.crowds.counted[index])
 
     def replaced(self, speeds: Any, index: Int[Array, " new"]) -> "SensedSpeeds":
         return self._of(self.crowds.counted.at[index].set(speeds.crowds.counted))

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -83,8 +84,9 @@ class NoWaits(eqx.Module):
 
     def with_fixed(self, seconds: Float[Array, " segment"]) -> "Waits":
         """Waits of so many seconds before segments, always."""
-        none, ever = jnp.zeros_like(seconds), jnp.ones_like(seconds)
-        return Waits(none, none, ever, ever, none, jnp.zeros(DAY_HOURS), 0.0, phases=False, fixed=seconds)
+        shape, day = np.shape(seconds), np.zeros(DAY_HOURS, np.float32)
+        none, ever, day = jax.device_put((np.zeros(shape, np.float32), np.ones(shape, np.float32), day))
+        return Waits(none, none, ever, ever, none, day, 0.0, phases=False, fixed=seconds)
 
 
 class Waits(eqx.Module):
