@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float, Key
 
-from sidestep import programs
+from sidestep import kept_programs, programs
 from sidestep.programs import program
 
 
@@ -38,11 +38,11 @@ scaled.__module__ = "sidestep.scaled"  # of other packages nothing is kept
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     kept = tmp_path / "programs"
-    monkeypatch.setenv(programs.FOLDER, str(kept))
+    monkeypatch.setenv(kept_programs.FOLDER, str(kept))
     monkeypatch.setattr(programs, "counts", type(programs.counts)())
-    programs._folder.cache_clear()
+    kept_programs.cache_folder.cache_clear()
     yield kept
-    programs._folder.cache_clear()
+    kept_programs.cache_folder.cache_clear()
 
 
 def pair(n: int = 3, name: str = "a") -> Pair:
@@ -154,7 +154,7 @@ def test_the_folder_is_for_its_owner_alone(folder):
     program("by")(scaled)(2.0, pair(), jnp.ones(3))
     assert folder.stat().st_mode & 0o777 == 0o700
     folder.chmod(0o755)
-    programs._folder.cache_clear()
+    kept_programs.cache_folder.cache_clear()
     with pytest.warns(UserWarning, match=str(folder)):
         check(program("by")(scaled)(2.0, pair(), jnp.ones(3)))
     assert (count("compiled"), count("loaded")) == (2, 0)
@@ -173,7 +173,7 @@ def test_the_folder_does_not_grow_for_ever(folder, monkeypatch):
     for number in range(4):
         made(float(number), pair(), jnp.ones(3))
     size = max(each.stat().st_size for each in folder.iterdir())
-    monkeypatch.setattr(programs, "MOST_BYTES", 2.5 * size)
+    monkeypatch.setattr(kept_programs, "MOST_BYTES", 2.5 * size)
     made(9.0, pair(), jnp.ones(3))
     assert len(list(folder.iterdir())) == 2
     program("by")(scaled)(9.0, pair(), jnp.ones(3))

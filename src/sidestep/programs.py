@@ -5,22 +5,14 @@ what it was compiled to. Here the name of a file says all that a program depends
 the processor, flags, static arguments, and the shapes of the others.
 """
 
-import hashlib
 import inspect
-import os
-import pickle
-import platform
 import re
 import secrets
-import stat
-import sys
 import threading
-import warnings
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, partial, update_wrapper
-from importlib.metadata import version
+from functools import partial, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -28,23 +20,16 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sidestep.files import OutputError, stamps, whole_file
+from sidestep import kept_programs
+from sidestep.files import stamps
 
 P = ParamSpec("P")
 Made = TypeVar("Made")
 
 QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 """Options of the compiler on a CPU for programs that do not run for long."""
-FOLDER = "SIDESTEP_CACHE"
-"""Environment variable that names the folder of compiled programs; empty for none."""
-MOST_BYTES = 2**29
-"""Of all files in the folder together; those unused for longest go first."""
 _IN_MEMORY = 128  # programs for each function
-_LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
-_HARMLESS = re.compile("cache|log|traceback|explain")  # in names of flags
-_UNSURE = re.compile(
-    r"(?<!key)<|\.\.\."
-)  # in texts of what has no literal, such as functions; or that leave out something
+_UNSURE = re.compile(r"(?<!key)<|\.\.\.")  # in texts of what has no literal, as functions, or that leave something out
 
 counts: Counter[tuple[str, str]] = Counter()
 """How often a function was "compiled" and "loaded" in this process, by its name."""
@@ -128,10 +113,9 @@ class Program(Generic[P, Made]):
     def _file(self, told: str) -> Path | None:
         """Where a program is kept that depends on what is ``told``; None where it cannot be."""
         # Of other packages the source is not known.
-        if not self.__module__.startswith(f"{__package__}.") or _UNSURE.search(told) or (folder := _folder()) is None:
+        if not self.__module__.startswith(f"{__package__}.") or _UNSURE.search(told):
             return None
-        named = f"{_surroundings()} {self.__module__} {self._name} {told}"
-        return folder / hashlib.sha256(named.encode()).hexdigest()[:40]
+        return kept_programs.file_of(f"{self.__module__} {self._name} {told}")
 
 
 def on_device(values: ArrayLike, dtype: type[np.generic] = np.float32) -> jax.Array:
@@ -211,7 +195,7 @@ class _Variant:
 
     def _read(self) -> bool:
         """Read it, and say whether it was there."""
-        if self._file is not None and self._kept is None and (kept := _read(self._file)) is not None:
+        if self._file is not None and self._kept is None and (kept := kept_programs.read(self._file)) is not None:
             self._kept, self._made = kept
             self._made_tree = jax.tree.structure(self._made)
         return self._kept is not None
@@ -256,7 +240,7 @@ class _Variant:
         compiled = _compiled(self._traced.lower(), self._options)
         self._traced = None
         if self._file is not None:
-            _write(self._file, compiled, self._made)
+            kept_programs.write(self._file, compiled, self._made)
         return compiled
 
 
@@ -283,91 +267,3 @@ def _places(tree: Any, donate: tuple[str, ...]) -> tuple[int, ...]:
     """Numbers of the leaves of some of the arguments."""
     given = jax.tree.unflatten(tree, range(tree.num_leaves))
     return tuple(number for name in donate for number in jax.tree.leaves(given[name]))
-
-
-@cache
-def _surroundings() -> str:
-    """What all programs depend on: the source, the libraries, the machine, and flags."""
-    source, here = hashlib.sha256(), Path(__file__).parent
-    for file in sorted(here.rglob("*.py")):
-        source.update(f"{file.relative_to(here)} {file.stat().st_size} ".encode() + file.read_bytes())
-    device = jax.devices()[0]
-    flags = {name: value for name, value in jax.config.values.items() if not _HARMLESS.search(name)}
-    told = (
-        sys.version,
-        [version(library) for library in _LIBRARIES],
-        device.device_kind,
-        device.client.platform_version,
-        jax.device_count(),
-        _processor(),
-        os.environ.get("XLA_FLAGS"),
-        sorted(flags.items()),
-    )
-    return f"{source.hexdigest()} {told!r}"
-
-
-def _processor() -> str:
-    """The processor with its features: programs that use them do not run on another."""
-    with suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-        return " ".join(dict.fromkeys(line for line in lines if line.startswith(("model name", "flags", "Features"))))
-    return platform.processor()
-
-
-@cache
-def _folder() -> Path | None:
-    """The folder of compiled programs. Reading them runs what is in them: nobody else may have put them there."""
-    named = os.environ.get(FOLDER)
-    if named == "":
-        return None
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(named) if named else Path(home) / "sidestep" / "programs"
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
-    except OSError as error:
-        said = f"{error.strerror or error}"
-    else:
-        ours = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-        if stat.S_ISDIR(found.st_mode) and ours and not found.st_mode & 0o077:
-            return folder
-        said = "it must be a folder of your own that nobody else may enter (mode 700)"
-    warnings.warn(f"compiled programs are not kept in {folder}: {said}", stacklevel=2)
-    return None
-
-
-def cache_folder() -> Path | None:
-    """The folder, for what else is kept there; None where there is none."""
-    return _folder()
-
-
-def _read(file: Path) -> tuple[bytes, Any] | None:
-    """Read a program, and shapes and types of what it makes; None where there is none, or a damaged one."""
-    try:
-        with file.open("rb") as opened:
-            payload, made = pickle.load(opened)  # noqa: S301 - see _folder
-        os.utime(file)
-    except Exception:  # noqa: BLE001 - whatever a damaged file may bring about
-        return None
-    return payload, made
-
-
-def _write(file: Path, executable: Any, made: Any) -> None:
-    """Keep a program; what cannot be kept is compiled again next time."""
-    from jax.experimental import serialize_executable
-
-    with suppress(OutputError, OSError, ValueError, TypeError, jax.errors.JaxRuntimeError, pickle.PicklingError):
-        payload = serialize_executable.serialize(executable)[0]
-        once_read: object = jax.tree.structure(pickle.loads(pickle.dumps(made)))  # noqa: S301 - our own
-        if once_read != jax.tree.structure(made):
-            return  # what it makes would be another type, and each call after the next would compile
-        with whole_file(file) as temporary:
-            temporary.write_bytes(pickle.dumps((payload, made)))
-        kept = sorted(
-            ((each.stat().st_mtime, each.stat().st_size, each) for each in file.parent.iterdir()), reverse=True
-        )
-        size = 0
-        for _, bytes_of, each in kept:
-            size += bytes_of
-            if size > MOST_BYTES:
-                each.unlink(missing_ok=True)

@@ -14,7 +14,7 @@ import numpy as np
 from sidestep.crowds.counts import CountTable
 from sidestep.crowds.repairs import Repair
 from sidestep.files import OutputError, whole_file
-from sidestep.programs import cache_folder
+from sidestep.kept_programs import cache_folder
 
 
 def kept_table(read: Callable[[], CountTable], *depends: str) -> CountTable:
