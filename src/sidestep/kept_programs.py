@@ -27,7 +27,7 @@ _HARMLESS = re.compile("cache|log|traceback|explain")  # in names of flags
 
 
 def file_of(told: str) -> Path | None:
-    """Where a program is kept that depends on what is ``told``, beside all that programs depend on; None for nowhere."""
+    """Where a program is kept that depends on what is ``told``, and on what all depend on; None for nowhere."""
     folder = cache_folder()
     if folder is None:
         return None

@@ -73,7 +73,7 @@ def training_rounds(
     """
     with ThreadPoolExecutor(1) as executor:
         # A round takes seconds to compile the first time; futures are drawn meanwhile.
-        randomness = np.asarray(jax.random.key_data(purpose_key(scenario_map, "explore"))).tolist()
+        randomness = np.asarray(jax.random.key_data(scenario_map.key)).tolist()
         draws = partial(uniform_draws, config, randomness)
         first = scenario_map, draws(0, start=True)
         shape_of_problem, _, shape_of_state = prepare.shapes(config, scenario, *first)
