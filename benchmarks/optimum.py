@@ -17,8 +17,9 @@ from time import perf_counter
 import jax
 import numpy as np
 
+from sidestep.agent.checkpoint import Metadata
 from sidestep.agent.policy import deployed
-from sidestep.agent.presets import PRESETS
+from sidestep.agent.presets import PRESETS, preset_for
 from sidestep.agent.train import training_rounds
 from sidestep.cli.options import start_jax
 from sidestep.evaluation.compare import compare
@@ -53,9 +54,13 @@ class Training:
 
 def learned(preset: str, problem: Scenario, scenario_map: ScenarioMap) -> tuple[Darp, float]:
     """Train an agent on a map with the map's random stream, and say how many seconds it took."""
-    config = PRESETS[preset]
+    config = preset_for(problem, preset)
+    told = Metadata(scenario=problem, seed=0, map=0, config=config, fingerprint="")
     began = perf_counter()
-    *_, (state, _) = training_rounds(config, problem, scenario_map)
+    for state, report in training_rounds(config, problem, scenario_map):
+        told = told.model_copy(update={"curve": (*told.curve, tuple(report.test_minutes.tolist()))})
+        if told.finished:  # early, where its test walks have settled
+            break
     q_network = jax.block_until_ready(state.learner.q_network if config.keep == "last" else state.best)
     seconds = perf_counter() - began
     return Darp(deployed(config, q_network, problem.reward.unit_seconds), np.zeros((0, 0))), seconds
