@@ -57,11 +57,11 @@ def learned(preset: str, problem: Scenario, scenario_map: ScenarioMap) -> tuple[
     config = preset_for(problem, preset)
     told = Metadata(scenario=problem, seed=0, map=0, config=config, fingerprint="")
     began = perf_counter()
-    for state, report in training_rounds(config, problem, scenario_map):
+    for state, report in training_rounds(config, problem, scenario_map):  # noqa: B007 - the last one counts
         told = told.model_copy(update={"curve": (*told.curve, tuple(report.test_minutes.tolist()))})
         if told.finished:  # early, where its test walks have settled
             break
-    q_network = jax.block_until_ready(state.learner.q_network if config.keep == "last" else state.best)
+    q_network = jax.block_until_ready(state.learner.q_network if config.keep == "last" else state.kept)
     seconds = perf_counter() - began
     return Darp(deployed(config, q_network, problem.reward.unit_seconds), np.zeros((0, 0))), seconds
 

@@ -165,7 +165,7 @@ def training_iteration(name):
     config = preset(name)
     where, _, state = prepare(config, problem, draw_map(problem, 0), uniform_draws(config, [0], 0, start=True))
     draws = jnp.zeros(config.walkers * ACTING_DRAWS + config.batch)
-    moved = replace(state, replay=None, best=None)
+    moved = replace(state, replay=None, kept=None)
     counts = counted(partial(_iterate, config, where), state, draws, moved=(moved, moved, draws))
     times = []
     for rounds in (1, 5):  # the difference leaves out the test walks

@@ -35,6 +35,7 @@ install_import_hook(
     "is_pep484_tower=True, hint_overrides=beartype.FrozenDict({beartype.typing.Self: object})))",
 )
 
+from sidestep import programs  # noqa: E402
 from sidestep.environment.types import EnvParams, Instance, futures_in_turn  # noqa: E402
 from sidestep.network.graph import RoadNetwork, road_network  # noqa: E402
 from sidestep.network.town import Town  # noqa: E402
@@ -88,6 +89,7 @@ def bounded_memory(give_back: Callable[[], None]) -> Iterator[None]:
     give_back()
     if full():
         jax.clear_caches()
+        programs.clear_caches()
         gc.collect()
         give_back()
 

@@ -1,20 +1,16 @@
 """Compiled programs are kept from process to process, in JAX's own cache: compiling takes longer than most answers."""
 
-import os
-from pathlib import Path
+from contextlib import suppress
+
+from sidestep.files import OutputError, own_cache, private_folder
 
 SMALLEST: dict[str, object] = {
-    "jax_persistent_cache_min_compile_time_secs": 0.0,
-    "jax_persistent_cache_min_entry_size_bytes": -1,
+    "persistent_cache_min_compile_time_secs": 0.0,
+    "persistent_cache_min_entry_size_bytes": -1,
 }
 """Settings of JAX by which it keeps small programs, too."""
-OWNER_ONLY = 0o700
-
-
-def cache_folder() -> Path:
-    """The folder in which compiled programs are kept where nobody names another one."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "sidestep" / "jax"
+MOST_BYTES = 2**29
+"""Of all that JAX keeps in our folder; what was unused for longest goes first."""
 
 
 def keep_compiled() -> None:
@@ -29,19 +25,14 @@ def keep_compiled() -> None:
     told, on = (jax.config.values[f"jax_{name}"] for name in ("compilation_cache_dir", "enable_compilation_cache"))
     if told is not None or not on:
         return
-    try:
-        folder = cache_folder()
-        folder.mkdir(parents=True, exist_ok=True)
-        folder.chmod(OWNER_ONLY)  # only its owner may
-    except (OSError, RuntimeError):  # no home, or one that is not to be written to
-        return
-    if os.access(folder, os.W_OK):
-        configure({"jax_compilation_cache_dir": str(folder), **SMALLEST})
+    with suppress(OutputError):
+        folder = str(private_folder(own_cache("jax")))
+        configure({"compilation_cache_dir": folder, "compilation_cache_max_size": MOST_BYTES} | SMALLEST)
 
 
 def configure(settings: dict[str, object]) -> None:
-    """Change settings of JAX, by name."""
+    """Change settings of JAX, by their names without ``jax_``."""
     import jax
 
     for name, value in settings.items():
-        jax.config.update(name, value)  # type: ignore[no-untyped-call]
+        jax.config.update(f"jax_{name}", value)  # type: ignore[no-untyped-call]

@@ -2,6 +2,7 @@
 
 import os
 import re
+import stat
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -67,6 +68,44 @@ def output_folder(path: Path, field: str = "out") -> Path:
         probe.unlink()
     except OSError as error:
         raise OutputError(f"cannot write to the output folder {path}: {reason(error)}", field=field) from error
+    return path
+
+
+def own_cache(name: str) -> Path:
+    """The folder in which something is kept for this user; an :class:`OutputError` where the user has no home."""
+    try:
+        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError as error:
+        raise OutputError(f"cannot keep {name}: there is no home folder; set XDG_CACHE_HOME") from error
+    return Path(home) / "sidestep" / name
+
+
+def private_folder(path: Path) -> Path:
+    """Make sure that a folder is its user's, and that nobody else can write to it; it is made if it is missing.
+
+    Parameters
+    ----------
+    path
+        The folder; no link to one.
+
+    Returns
+    -------
+    Path
+        The same folder.
+
+    Raises
+    ------
+    OutputError
+        It cannot be made, is somebody else's, or others may write to it.
+    """
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = path.lstat()
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {path}: {reason(error)}") from error
+    ours = not hasattr(os, "getuid") or found.st_uid == os.getuid()
+    if not (stat.S_ISDIR(found.st_mode) and ours and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+        raise OutputError(f"{path} must be a folder of your own that nobody else may write to: chmod 700 it")
     return path
 
 

@@ -5,7 +5,6 @@ import os
 import pickle
 import platform
 import re
-import stat
 import sys
 import warnings
 from contextlib import suppress
@@ -16,13 +15,14 @@ from typing import Any
 
 import jax
 
-from sidestep.files import OutputError, whole_file
+from sidestep.files import OutputError, own_cache, private_folder, whole_file
 
 FOLDER = "SIDESTEP_CACHE"
 """Environment variable that names the folder; empty for none."""
 MOST_BYTES = 2**29
 """Of all files in the folder together; those unused for longest go first."""
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optax", "numpy")
+_OURS = re.compile(r"[0-9a-f]{40}(\.npz)?")  # names of files
 _HARMLESS = re.compile("cache|log|traceback|explain")  # in names of flags
 
 
@@ -32,6 +32,21 @@ def file_of(told: str) -> Path | None:
     if folder is None:
         return None
     return folder / hashlib.sha256(f"{_surroundings()} {told}".encode()).hexdigest()[:40]
+
+
+_hits = [0]
+
+
+def hits() -> int:
+    """How often JAX has found what was to be compiled in its own cache."""
+    return _hits[0]
+
+
+def _listen(event: str, **_: Any) -> None:
+    _hits[0] += event == "/jax/compilation_cache/cache_hits"
+
+
+jax.monitoring.register_event_listener(_listen)
 
 
 @cache
@@ -70,20 +85,12 @@ def cache_folder() -> Path | None:
     named = os.environ.get(FOLDER)
     if named == "":
         return None
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(named) if named else Path(home) / "sidestep" / "programs"
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
-    except OSError as error:
-        said = f"{error.strerror or error}"
-    else:
-        ours = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-        if stat.S_ISDIR(found.st_mode) and ours and not found.st_mode & 0o077:
-            return folder
-        said = "it must be a folder of your own that nobody else may enter (mode 700)"
-    warnings.warn(f"compiled programs are not kept in {folder}: {said}", stacklevel=2)
-    return None
+        folder = Path(named) if named else own_cache("programs")
+        return private_folder(folder)
+    except OutputError as error:
+        warnings.warn(f"compiled programs are not kept: {error}", stacklevel=2)
+        return None
 
 
 def read(file: Path) -> tuple[bytes, Any] | None:
@@ -108,9 +115,8 @@ def write(file: Path, executable: Any, made: Any) -> None:
             return  # what it makes would be another type, and each call after the next would compile
         with whole_file(file) as temporary:
             temporary.write_bytes(pickle.dumps((payload, made)))
-        kept = sorted(
-            ((each.stat().st_mtime, each.stat().st_size, each) for each in file.parent.iterdir()), reverse=True
-        )
+        ours = (each for each in file.parent.iterdir() if _OURS.fullmatch(each.name))
+        kept = sorted(((each.stat().st_mtime, each.stat().st_size, each) for each in ours), reverse=True)
         size = 0
         for _, bytes_of, each in kept:
             size += bytes_of

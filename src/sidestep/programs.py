@@ -15,6 +15,7 @@ from contextlib import suppress
 from functools import partial, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
+from weakref import WeakSet
 
 import jax
 import numpy as np
@@ -29,10 +30,20 @@ Made = TypeVar("Made")
 QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 """Options of the compiler on a CPU for programs that do not run for long."""
 _IN_MEMORY = 128  # programs for each function
-_UNSURE = re.compile(r"(?<!key)<|\.\.\.")  # in texts of what has no literal, as functions, or that leave something out
+_KNOWN = {"builtins", "collections", "sidestep", "jax", "jaxlib", "numpy", "equinox", "optax"}
+"""Packages whose code does not change, or is part of the names of files."""
+_UNSURE = re.compile(r"(?<!key)<|\.\.\.")  # in texts of what has no literal, or that leave something out
+_SETTINGS = (
+    "jax_enable_x64", "jax_default_matmul_precision", "jax_default_prng_impl", "jax_threefry_partitionable",
+    "jax_numpy_dtype_promotion", "jax_numpy_rank_promotion", "jax_default_device",
+)  # fmt: skip
+"""Settings of JAX that change what is traced, and may hold for a part of a program."""
 
 counts: Counter[tuple[str, str]] = Counter()
 """How often a function was "compiled" and "loaded" in this process, by its name."""
+
+
+_programs: "WeakSet[Program[Any, Any]]" = WeakSet()
 
 
 class Program(Generic[P, Made]):
@@ -57,11 +68,11 @@ class Program(Generic[P, Made]):
         self._jitted = jax.jit(function, static_argnames=static, donate_argnames=donate)
         self._variants: OrderedDict[Any, _Variant] = OrderedDict()
         self._lock = threading.Lock()
+        _programs.add(self)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Made:
         static, tree, leaves = self._sorted(*args, **kwargs)
-        within = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
-        if within or jax.config.jax_disable_jit:  # type: ignore[attr-defined]
+        if jax.config.jax_disable_jit or any(map(_left_to_jax, leaves)):  # type: ignore[attr-defined]
             return self._jitted(*args, **kwargs)
         return self._variant(static, tree, leaves).run(leaves)
 
@@ -79,10 +90,6 @@ class Program(Generic[P, Made]):
         """Load or compile what a call needs; arguments may be shapes and types."""
         self._variant(*self._sorted(*args, **kwargs)).executable()
 
-    def clear(self) -> None:
-        """Forget what is in memory."""
-        self._variants.clear()
-
     def _sorted(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Any], Any, list[Any]]:
         """Static arguments by name, and the tree and leaves of the others."""
         bound = self._signature.bind(*args, **kwargs)
@@ -94,28 +101,32 @@ class Program(Generic[P, Made]):
 
     def _variant(self, static: dict[str, Any], tree: Any, leaves: list[Any]) -> "_Variant":
         types = tuple(map(_type_of, leaves))
-        read = stamps(self._files(**static))
-        key = (*static.values(), tree, types, read, jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+        names = self._files(**static)
+        read = tuple(zip((str(Path(name).resolve()) for name in names), stamps(names), strict=True))
+        settings = tuple(str(getattr(jax.config, name)) for name in _SETTINGS)
+        key = (*static.values(), tree, types, read, settings)
         with self._lock:
             found = self._variants.get(key)
             if found is None:
                 if len(self._variants) == _IN_MEMORY:
                     self._variants.popitem(last=False)
                 options = QUICK if self._quick(**static) and jax.default_backend() == "cpu" else {}
-                told = repr((static, tree, types, self._donate, read, options))
+                told = repr((static, tree, types, self._donate, read, settings, options))
+                # Of other packages the source is not known.
+                known = _is_known((self._function, static)) and _are_known(tree) and not _UNSURE.search(told)
+                file = kept_programs.file_of(f"{self.__module__} {self._name} {told}") if known else None
                 donated = _places(tree, self._donate)
                 function = partial(self._function, **static)
-                found = _Variant(self._name, function, tree, types, donated, options, self._file(told))
+                found = _Variant(self._name, function, tree, types, donated, options, file)
                 self._variants[key] = found
             self._variants.move_to_end(key)
         return found
 
-    def _file(self, told: str) -> Path | None:
-        """Where a program is kept that depends on what is ``told``; None where it cannot be."""
-        # Of other packages the source is not known.
-        if not self.__module__.startswith(f"{__package__}.") or _UNSURE.search(told):
-            return None
-        return kept_programs.file_of(f"{self.__module__} {self._name} {told}")
+
+def clear_caches() -> None:
+    """Forget all programs in memory, as :func:`jax.clear_caches` does with what JAX compiled."""
+    for each in _programs:
+        each._variants.clear()  # noqa: SLF001 - of this module
 
 
 def on_device(values: ArrayLike, dtype: type[np.generic] = np.float32) -> jax.Array:
@@ -134,8 +145,8 @@ def program(
     Parameters
     ----------
     *static
-        Names of arguments that are no arrays. They must be hashable, and their ``repr`` must tell them apart; where it
-        is no literal, as that of a function, the program is kept in memory only.
+        Names of arguments that are no arrays. They must be hashable, and their ``repr`` must tell them apart. Programs
+        of functions and classes of other packages are kept in memory only.
     donate
         Names of arguments that are used up.
     quick
@@ -225,9 +236,9 @@ class _Variant:
             return flattened
 
         flat.__name__ = self._name
-        if self._file is not None and jax.config.values["jax_compilation_cache_dir"]:
-            # JAX's own cache must not know it: what was read from there cannot be written once more.
-            flat.__name__ += f"_{secrets.token_hex(4)}"
+        if self._file is not None:
+            # Or JAX's own cache would take it for an older one of the same operations, or for a damaged one.
+            flat.__name__ += f"_{secrets.token_hex(4) if self._file.exists() else self._file.name[:8]}"
         shapes = [_shape(*each) for each in self._types]
         self._traced = jax.jit(flat, donate_argnums=self._donated).trace(*shapes)
         info = [_shape(each.shape, each.dtype) for each in self._traced.out_info]
@@ -237,9 +248,11 @@ class _Variant:
         if self._traced is None:
             self._trace()
         counts["compiled", self._name] += 1
+        before = kept_programs.hits()
         compiled = _compiled(self._traced.lower(), self._options)
         self._traced = None
-        if self._file is not None:
+        # What JAX read from its own cache cannot be written once more.
+        if self._file is not None and kept_programs.hits() == before:
             kept_programs.write(self._file, compiled, self._made)
         return compiled
 
@@ -251,6 +264,35 @@ def _compiled(lowered: Any, options: dict[str, Any]) -> Callable[..., list[Any]]
             compiled: Callable[..., list[Any]] = lowered.compile(compiler_options=known)
             return compiled
     return lowered.compile()
+
+
+def _left_to_jax(leaf: Any) -> bool:
+    """Whether an argument is being traced, or lies elsewhere than on the device that programs are compiled for."""
+    if isinstance(leaf, jax.core.Tracer):
+        return True
+    return jax.device_count() > 1 and isinstance(leaf, jax.Array) and leaf.devices() != {_default_device()}
+
+
+def _default_device() -> Any:
+    return jax.config.jax_default_device or jax.devices()[0]  # type: ignore[attr-defined]
+
+
+def _is_known(value: Any) -> bool:
+    """Whether the text of a value says all of it, and its code is known: not that of functions of others, say."""
+    if isinstance(value, dict):
+        return all(map(_is_known, value.values()))
+    if isinstance(value, (tuple, list, frozenset)):
+        return all(map(_is_known, value))
+    named = value if hasattr(value, "__qualname__") else type(value)
+    return f"{named.__module__}".partition(".")[0] in _KNOWN and "<" not in named.__qualname__
+
+
+def _are_known(tree: Any) -> bool:
+    """The same of the nodes of a tree."""
+    if (node := tree.node_data()) is None:
+        return True
+    kind, told = node
+    return _is_known(kind) and _is_known(told) and all(map(_are_known, tree.children()))
 
 
 def _type_of(leaf: Any) -> tuple[tuple[int, ...], Any]:

@@ -43,7 +43,7 @@ def as_if_trained(config: TrainConfig, problem: Scenario, seed: int = 4, index: 
         return jax.device_put((np.asarray(leaf) + rng.integers(1, 9, leaf.shape) / 8).astype(leaf.dtype))
 
     learner = jax.tree.map(shaken, state.learner)
-    state = eqx.tree_at(lambda s: (s.learner, s.best, s.iteration), state, (learner, learner.target, jnp.int32(8)))
+    state = eqx.tree_at(lambda s: (s.learner, s.kept, s.iteration), state, (learner, learner.target, jnp.int32(8)))
     metadata = Metadata(
         scenario=problem, seed=seed, map=index, config=config, curve=((7.0, 8.25),), fingerprint=drawn.fingerprint
     )
@@ -101,8 +101,8 @@ def test_a_model_is_the_network_that_the_configuration_keeps(saved: tuple[Path, 
     _, trained = saved
     for keep, kept in (
         ("last", trained.state.learner.q_network),
-        ("best", trained.state.best),
-        ("mean", trained.state.best),
+        ("best", trained.state.kept),
+        ("mean", trained.state.kept),
     ):
         metadata = trained.metadata.model_copy(update={"config": CONFIG.changed(keep=keep)})
         assert Checkpoint(metadata, trained.state).model.q_network is kept

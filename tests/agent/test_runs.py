@@ -9,12 +9,12 @@ import jax
 import numpy as np
 import pytest
 
+from sidestep import programs
 from sidestep.agent import checkpoint, problem
 from sidestep.agent.checkpoint import CheckpointError
 from sidestep.agent.config import TrainConfigError
 from sidestep.agent.presets import preset, preset_for
 from sidestep.agent.runs import TrainingRun, train
-from sidestep.agent.train import prepare, train_round
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.spec import ScenarioError
@@ -108,8 +108,7 @@ def test_the_same_run_again_compiles_nothing(straight: Straight, caplog: pytest.
     after_each: list[list[str]] = []
     # Without its compiled programs, so that the first round has to compile, as in a new process.
     jax.clear_caches()
-    for program in (prepare, train_round):
-        program.clear()
+    programs.clear_caches()
     with caplog.at_level(logging.WARNING), jax.log_compiles():
         run = train(PROBLEM, CONFIG, seed=4, index=2, on_round=lambda _: after_each.append(compiled()))
         assert after_each[0]  # or nothing is seen

@@ -192,7 +192,7 @@ def test_the_best_network_is_that_of_the_shortest_tests(history: list[tuple[Trai
         shortest = min(minutes[:number])
         # The later of equals has learned more.
         latest_best = max(i for i in range(number) if minutes[i] == shortest)
-        assert eqx.tree_equal(state.best, history[latest_best][0].learner.q_network)
+        assert eqx.tree_equal(state.kept, history[latest_best][0].learner.q_network)
         assert state.best_minutes == pytest.approx(shortest)  # means may differ in the last digit
 
 
@@ -201,10 +201,10 @@ def test_the_best_network_stays_until_a_better_one_comes(
     states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap, best_so_far: float, replaced: bool
 ) -> None:
     other = jax.tree.map(lambda leaf: leaf + 1, states[0].learner.q_network)
-    before = eqx.tree_at(lambda s: (s.best, s.best_minutes), states[8], (other, np.float32(best_so_far)))
+    before = eqx.tree_at(lambda s: (s.kept, s.best_minutes), states[8], (other, np.float32(best_so_far)))
     after, report = follow_training(islice(training_rounds(SMALL, problem, scenario_map, on_device(before)), 1))[0]
     assert 1 < report.test_minutes.mean() < 1000
-    assert eqx.tree_equal(after.best, after.learner.q_network if replaced else other)
+    assert eqx.tree_equal(after.kept, after.learner.q_network if replaced else other)
     assert after.best_minutes == (report.test_minutes.mean() if replaced else best_so_far)
 
 
@@ -212,7 +212,7 @@ def test_the_mean_is_of_the_networks_of_the_last_quarter_of_rounds(
     states: list[TrainState], problem: Scenario, scenario_map: ScenarioMap
 ) -> None:
     means = [
-        state.best for state, _ in follow_training(training_rounds(SMALL.changed(keep="mean"), problem, scenario_map))
+        state.kept for state, _ in follow_training(training_rounds(SMALL.changed(keep="mean"), problem, scenario_map))
     ]
     # What is kept changes nothing that is learned, but for last digits: the two are compiled apart.
     networks = [state.learner.q_network for state in states]
@@ -225,8 +225,8 @@ def test_the_mean_is_of_the_networks_of_the_last_quarter_of_rounds(
 
 
 def test_keep_chooses_between_best_and_last(states: list[TrainState], problem: Scenario) -> None:
-    state = eqx.tree_at(lambda s: s.best, states[3], jax.tree.map(lambda leaf: leaf + 1, states[3].learner.q_network))
-    for keep, kept in (("best", state.best), ("last", state.learner.q_network)):
+    state = eqx.tree_at(lambda s: s.kept, states[3], jax.tree.map(lambda leaf: leaf + 1, states[3].learner.q_network))
+    for keep, kept in (("best", state.kept), ("last", state.learner.q_network)):
         metadata = Metadata(scenario=problem, seed=6, map=0, config=SMALL.changed(keep=keep), fingerprint="")
         assert Checkpoint(metadata, state).model.q_network is kept
 

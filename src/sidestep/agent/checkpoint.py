@@ -108,7 +108,7 @@ class Checkpoint:
     def model(self) -> Model:
         """What was learned so far: the best network in test walks, the last or the mean, as configured."""
         keeps_last = self.metadata.config.keep == "last"
-        return Model(self.metadata, self.state.learner.q_network if keeps_last else self.state.best)
+        return Model(self.metadata, self.state.learner.q_network if keeps_last else self.state.kept)
 
 
 def save(checkpoint: Checkpoint, folder: Path) -> None:

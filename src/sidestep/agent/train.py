@@ -22,7 +22,7 @@ from sidestep.agent.replay import Replay, add, empty_replay
 from sidestep.environment.rollout import walk
 from sidestep.programs import program
 from sidestep.scenarios.episodes import DRAWS, InstanceSampler
-from sidestep.scenarios.maps import ScenarioMap, purpose_key
+from sidestep.scenarios.maps import PURPOSES, ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
 
 
@@ -34,7 +34,7 @@ class TrainState(eqx.Module):
     walkers: Walkers
     iteration: Int[Array, ""]
     """Iterations done: gradient steps, and steps of each walker."""
-    best: QNetwork
+    kept: QNetwork
     """The network of the best test walks so far or, where the mean is kept, the mean."""
     best_minutes: Float[Array, ""]
     """Mean of the best test walks so far, min."""
@@ -73,7 +73,7 @@ def training_rounds(
     """
     with ThreadPoolExecutor(1) as executor:
         # A round takes seconds to compile the first time; futures are drawn meanwhile.
-        randomness = np.asarray(jax.random.key_data(scenario_map.key)).tolist()
+        randomness = [*np.asarray(jax.random.key_data(scenario_map.key)).tolist(), PURPOSES.index("explore")]
         draws = partial(uniform_draws, config, randomness)
         first = scenario_map, draws(0, start=True)
         shape_of_problem, _, shape_of_state = prepare.shapes(config, scenario, *first)
@@ -116,7 +116,7 @@ def start(
     q_network = untrained(config, scenario, problem.params.network, purpose_key(scenario_map, "explore"))
     walkers, transition = place_walkers(config, problem, draws)
     learner, replay = start_learner(config, q_network), empty_replay(transition, config.capacity)
-    return TrainState(learner, replay, walkers, jnp.int32(0), best=q_network, best_minutes=jnp.float32(jnp.inf))
+    return TrainState(learner, replay, walkers, jnp.int32(0), kept=q_network, best_minutes=jnp.float32(jnp.inf))
 
 
 def uniform_draws(
@@ -180,9 +180,9 @@ def train_round(
     mean = jnp.mean(minutes)
     best_minutes = jnp.minimum(mean, state.best_minutes)
     better = partial(jnp.where, mean <= state.best_minutes)
-    best = q_network if config.keep == "mean" else jax.tree.map(better, q_network, state.best)
+    kept = q_network if config.keep == "mean" else jax.tree.map(better, q_network, state.kept)
     report = RoundReport(minutes, tested.arrived, jnp.mean(losses))
-    return replace(state, best=best, best_minutes=best_minutes), report
+    return replace(state, kept=kept, best_minutes=best_minutes), report
 
 
 def _mean(config: TrainConfig, state: TrainState) -> QNetwork:
@@ -190,7 +190,7 @@ def _mean(config: TrainConfig, state: TrainState) -> QNetwork:
     before = config.rounds - math.ceil(config.rounds / 4)
     number = jnp.maximum(state.iteration // config.iterations - before, 1)
     share = 1 / number
-    return jax.tree.map(lambda new, mean: share * new + (1 - share) * mean, state.learner.q_network, state.best)
+    return jax.tree.map(lambda new, mean: share * new + (1 - share) * mean, state.learner.q_network, state.kept)
 
 
 def _iterate(
@@ -203,4 +203,4 @@ def _iterate(
     walkers, transitions = act(config, problem, policy, state.walkers, state.iteration, for_walkers)
     replay = add(state.replay, transitions, config.walkers)
     learner, replay, loss = learn(config, state.learner, replay, state.iteration, for_batch, evaluated)
-    return TrainState(learner, replay, walkers, state.iteration + 1, state.best, state.best_minutes), loss
+    return TrainState(learner, replay, walkers, state.iteration + 1, state.kept, state.best_minutes), loss

@@ -1,5 +1,6 @@
 """The command line: registers all commands, and turns errors into one sentence and an exit status."""
 
+import logging
 import os
 import re
 import sys
@@ -106,6 +107,8 @@ def main() -> None:
     sys.path.append("")  # planners in the current folder, as MODULE:NAME
     status = run()
     sys.stdout.flush()
+    sys.stderr.flush()
+    logging.shutdown()
     # Not by sys.exit, which would wait for threads in the middle of a map, and takes a third of a second to give back
     # what JAX holds. Files are written whole or not at all.
     os._exit(status)
