@@ -42,6 +42,10 @@ def multiplied(name, x):
     return float(Path(name).read_text()) * x
 
 
+def multiplied_by_two(x):
+    return 2 * x
+
+
 def tagged(x):
     return Tagged(x, jax.tree.structure(pair()))  # of a class: after a file, another
 
@@ -244,3 +248,21 @@ def test_options_that_the_compiler_does_not_know_are_left_out(monkeypatch):
     monkeypatch.setattr(programs, "QUICK", {"xla_no_such_option": True})
     check(program("by", quick=lambda **_: True)(scaled)(2.0, pair(), jnp.ones(3)))
     assert count("compiled") == 2
+
+
+def test_other_files_in_the_folder_are_not_deleted(folder, monkeypatch):
+    made = program("by")(scaled)
+    made(1.0, pair(), jnp.ones(3))
+    (folder / "thesis.tex").write_text("mine")
+    monkeypatch.setattr(kept_programs, "MOST_BYTES", 0)
+    made(2.0, pair(), jnp.ones(3))
+    assert [each.name for each in folder.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.usefixtures("folder")
+def test_settings_of_jax_make_other_programs():
+    made = program()(multiplied_by_two)
+    assert made(jnp.float32(3)).dtype == jnp.float32
+    with jax.default_matmul_precision("highest"):
+        made(jnp.float32(3))
+    assert programs.counts["compiled", "multiplied_by_two"] == 2

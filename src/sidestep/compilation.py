@@ -9,8 +9,6 @@ SMALLEST: dict[str, object] = {
     "persistent_cache_min_entry_size_bytes": -1,
 }
 """Settings of JAX by which it keeps small programs, too."""
-MOST_BYTES = 2**29
-"""Of all that JAX keeps in our folder; what was unused for longest goes first."""
 
 
 def keep_compiled() -> None:
@@ -26,8 +24,7 @@ def keep_compiled() -> None:
     if told is not None or not on:
         return
     with suppress(OutputError):
-        folder = str(private_folder(own_cache("jax")))
-        configure({"compilation_cache_dir": folder, "compilation_cache_max_size": MOST_BYTES} | SMALLEST)
+        configure({"compilation_cache_dir": str(private_folder(own_cache("jax"))), **SMALLEST})
 
 
 def configure(settings: dict[str, object]) -> None:

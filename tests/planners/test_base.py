@@ -15,7 +15,7 @@ from sidestep.agent.q_networks import dueling_network
 from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
-from sidestep.planners.base import Plan, Planner, routes, walk_plan
+from sidestep.planners.base import Plan, Planner, _Named, keep_to_plan, routes, walk_plan
 from sidestep.planners.learned import Darp
 from sidestep.planners.random import RandomProgress, RandomWalk
 from sidestep.planners.shortest_path import ShortestPath, distances_to
@@ -215,6 +215,19 @@ def test_planners_that_allow_the_same_meet_the_same_chance(make_params, make_ins
     )
     assert one.segments.tolist() == other.segments.tolist()
     assert one.seconds.tolist() == other.seconds.tolist()
+
+
+def test_plans_of_another_number_of_walks_are_refused(make_params, make_instance) -> None:
+    params = crowded_grid(make_params)
+    plan = ShortestPath().plan(params, make_instance([0, 1], 15))
+    with pytest.raises(ValueError, match="inconsistent sizes"):
+        walk_plan(ShortestPath(), params, plan, make_instance([0, 1, 2], 15), KEY)
+
+
+def test_decisions_of_others_are_not_told_by_their_names() -> None:
+    # Their code may change while their names stay; a program that is found by the name would walk the old way.
+    assert _Named.of(keep_to_plan)() is keep_to_plan
+    assert _Named.of(crowded_grid) is crowded_grid
 
 
 def test_routes_are_cut_at_the_trace_and_end_with_the_walk(diamond, constant_field, make_params, make_instance) -> None:

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import jax
 import pytest
 
+from sidestep import programs
 from sidestep.errors import SidestepError
 from sidestep.planners.learned import Learned
 from sidestep.planners.random import RandomWalk
@@ -26,6 +27,7 @@ def compiled():
     """Names of the events of compilation since this list was cleared."""
     events: list[str] = []
     jax.clear_caches()  # of what other tests have compiled
+    programs.clear_caches()
 
     def listen(event: str, *_: object, **__: object) -> None:
         if "backend_compile" in event:

@@ -245,6 +245,6 @@ def _check_format(path: Path, header: bytes, known: tuple[int, ...]) -> None:
         raise CheckpointError(f"{path} is not a Sidestep model, or its beginning is damaged", field="format") from error
     if version not in known:
         raise CheckpointError(
-            f"{path} has model format {version}, and this version reads format {FORMAT}; train the model again",
+            f"{path} has format {version}, and this version reads {' and '.join(map(str, known))}; train it again",
             field="format",
         )

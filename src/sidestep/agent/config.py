@@ -105,7 +105,7 @@ class TrainConfig(Spec):
     """Share of the training whose episodes begin anywhere; with several destinations all of it."""
     keep: Literal["best", "last", "mean"]
     """The network that a run results in: that of the best test walks, the last, or the mean of those after each of the
-    last quarter of rounds."""
+    last quarter of rounds, or the last if training ends before that quarter."""
     level: Information = "position"
     """What the walker observes."""
     temperature: NonNegative = 0.0

@@ -1,6 +1,7 @@
 """The command `train`."""
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -151,6 +152,9 @@ def show_run(scenario: str, run: "TrainingRun") -> None:
     first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
     unit = "min" if problem.objective.is_time else "min of cost"
     walks = f"{first:.1f} {unit} after the first round, {last:.1f} after the last, {run.best_minutes:.1f} at best"
-    print_text(f"greedy test walks: {walks}; {KEPT[config.keep]} is kept")
+    early = len(metadata.curve) <= config.rounds - math.ceil(config.rounds / 4)
+    print_text(
+        f"greedy test walks: {walks}; {KEPT['last' if config.keep == 'mean' and early else config.keep]} is kept"
+    )
     if run.folder is not None:
         print(f"Model: {run.folder}")
