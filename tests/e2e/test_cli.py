@@ -595,7 +595,7 @@ def test_damaged_models_are_refused(sidestep, model, tmp_path):
     cases = {
         "cut short": whole[: len(whole) // 2],
         "is not a Sidestep model": b"\x00\x01\x02",
-        "model format 99": json.dumps(other).encode() + b"\n" + numbers,
+        "has format 99": json.dumps(other).encode() + b"\n" + numbers,
     }
     for number, (says, content) in enumerate(cases.items()):
         folder = tmp_path / str(number)
