@@ -17,7 +17,6 @@ from time import perf_counter
 import jax
 import numpy as np
 
-from sidestep.agent.checkpoint import Metadata
 from sidestep.agent.policy import deployed
 from sidestep.agent.presets import PRESETS, preset_for
 from sidestep.agent.train import training_rounds
@@ -55,12 +54,8 @@ class Training:
 def learned(preset: str, problem: Scenario, scenario_map: ScenarioMap) -> tuple[Darp, float]:
     """Train an agent on a map with the map's random stream, and say how many seconds it took."""
     config = preset_for(problem, preset)
-    told = Metadata(scenario=problem, seed=0, map=0, config=config, fingerprint="")
     began = perf_counter()
-    for state, report in training_rounds(config, problem, scenario_map):  # noqa: B007 - the last one counts
-        told = told.model_copy(update={"curve": (*told.curve, tuple(report.test_minutes.tolist()))})
-        if told.finished:  # early, where its test walks have settled
-            break
+    *_, (state, _) = training_rounds(config, problem, scenario_map)
     q_network = jax.block_until_ready(state.learner.q_network if config.keep == "last" else state.kept)
     seconds = perf_counter() - began
     return Darp(deployed(config, q_network, problem.reward.unit_seconds), np.zeros((0, 0))), seconds

@@ -3,6 +3,7 @@
 import math
 import operator
 import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import wraps
@@ -79,7 +80,11 @@ def checked(error: type[SidestepError], **rules: Rule) -> Callable[[Callable[P, 
 
         @wraps(function)
         def called(*args: P.args, **kwargs: P.kwargs) -> Result:
-            given = parameters.bind(*args, **kwargs)
+            try:
+                given = parameters.bind(*args, **kwargs)
+            except TypeError as wrong:
+                named = re.search(r"'(\w+)'", str(wrong))
+                raise error(f"{function.__name__}(): {wrong}", field=named and named[1]) from None
             for field, value in given.arguments.items():
                 if field in rules and not (value is None and field in takes_none):
                     given.arguments[field] = rules[field](error, field, value)

@@ -105,7 +105,7 @@ def private_folder(path: Path) -> Path:
         raise OutputError(f"cannot make the folder {path}: {reason(error)}") from error
     ours = not hasattr(os, "getuid") or found.st_uid == os.getuid()
     if not (stat.S_ISDIR(found.st_mode) and ours and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
-        raise OutputError(f"{path} must be a folder of your own that nobody else may write to: chmod 700 it")
+        raise OutputError(f"{path} must be a folder of your own, no link, that nobody else may write to; remove it")
     return path
 
 

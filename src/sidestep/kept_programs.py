@@ -97,6 +97,8 @@ def read(file: Path) -> tuple[bytes, Any] | None:
     """Read a program, and shapes and types of what it makes; None where there is none, or a damaged one."""
     try:
         with file.open("rb") as opened:
+            if hasattr(os, "getuid") and os.fstat(opened.fileno()).st_uid != os.getuid():
+                return None  # somebody put it there before the folder was closed to others
             payload, made = pickle.load(opened)  # noqa: S301 - see cache_folder
         os.utime(file)
     except Exception:  # noqa: BLE001 - whatever a damaged file may bring about

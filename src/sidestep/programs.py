@@ -229,16 +229,14 @@ class _Variant:
         counts["loaded", self._name] += 1
         return loaded
 
-    def _trace(self) -> None:
+    def _trace(self, suffix: str = "") -> None:
         # Of flat leaves: the trees of arguments cannot be read back from a file.
         def flat(*leaves: Any) -> list[Any]:
             flattened, self._made_tree = jax.tree.flatten(self._function(**jax.tree.unflatten(self._tree, leaves)))
             return flattened
 
-        flat.__name__ = self._name
-        if self._file is not None:
-            # Or JAX's own cache would take it for an older one of the same operations, or for a damaged one.
-            flat.__name__ += f"_{secrets.token_hex(4) if self._file.exists() else self._file.name[:8]}"
+        # JAX's own cache must not take it for an older one of the same operations.
+        flat.__name__ = self._name + (suffix or ("" if self._file is None else f"_{self._file.name[:8]}"))
         shapes = [_shape(*each) for each in self._types]
         self._traced = jax.jit(flat, donate_argnums=self._donated).trace(*shapes)
         info = [_shape(each.shape, each.dtype) for each in self._traced.out_info]
@@ -250,9 +248,12 @@ class _Variant:
         counts["compiled", self._name] += 1
         before = kept_programs.hits()
         compiled = _compiled(self._traced.lower(), self._options)
+        if self._file is not None and kept_programs.hits() != before:
+            # What JAX read from its own cache cannot be written once more: it is compiled under another name.
+            self._trace(f"_{secrets.token_hex(4)}")
+            compiled = _compiled(self._traced.lower(), self._options)
         self._traced = None
-        # What JAX read from its own cache cannot be written once more.
-        if self._file is not None and kept_programs.hits() == before:
+        if self._file is not None:
             kept_programs.write(self._file, compiled, self._made)
         return compiled
 

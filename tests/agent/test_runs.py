@@ -13,7 +13,7 @@ from sidestep import programs
 from sidestep.agent import checkpoint, problem
 from sidestep.agent.checkpoint import CheckpointError
 from sidestep.agent.config import TrainConfigError
-from sidestep.agent.presets import preset, preset_for
+from sidestep.agent.presets import preset
 from sidestep.agent.runs import TrainingRun, train
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_training_map
@@ -229,8 +229,7 @@ def test_training_is_over_when_walks_have_settled(curve: list[float], patience: 
 
 def test_training_ends_early_and_does_not_go_on(tmp_path: Path) -> None:
     certain = scenario("paper-congested", side=3, crowded_nodes=1, flows="forecast")
-    config = preset_for(certain, "default").changed(rounds=40, round_steps=160, walkers=16, batch=16, capacity=640)
-    assert config.patience > 0
+    config = preset("default").changed(rounds=40, round_steps=160, walkers=16, batch=16, capacity=640)
     run = train(certain, config.changed(patience=3), out=tmp_path / "out")
     assert len(run.metadata.curve) < 40
     assert len(set(run.metadata.curve[-4:])) == 1

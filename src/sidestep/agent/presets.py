@@ -75,9 +75,6 @@ _TABULATED = 36 * 1_024
 # errors that do not count by their squares.
 _TOWN = {"rounds": 60, "n_step": 16, "huber": 1.0, "learning_rate": 2e-4, "epsilon": 0.02, "test_walks": 32}
 
-_SETTLED = 12
-"""Patience where crowds come as expected: there is no noise, and test walks that have settled do not change again."""
-
 _MARGINS: dict[Information, float] = {"map": 3.0, "live": 30.0}
 """Seconds that a correction must save where crowds are interpolated between counters.
 
@@ -169,9 +166,7 @@ def preset_for(scenario: Scenario, name: Preset, level: Information | None = Non
     """
     level, place = level or scenario.level, scenario.place
     if not place.anywhere:
-        config = preset(name, level, several_maps=place.training_maps > 0, nodes=place.nodes)
-        settles = scenario.flows == "forecast" and config.keep == "mean"
-        return config.changed(patience=_SETTLED) if settles else config
+        return preset(name, level, several_maps=place.training_maps > 0, nodes=place.nodes)
     if level == "position":
         raise TrainConfigError(
             f"a walker that observes its position alone cannot learn to walk anywhere in {scenario.name}", field="level"

@@ -155,7 +155,9 @@ def _factories(value: Any) -> Factories:
 @checked(
     PlannerError,
     scenario=A_SCENARIO,
-    planners=Rule("must be functions that make planners, by name, such as choose_planners gives", _factories),
+    planners=Rule(
+        "must be functions that make planners, by name, such as choose_planners(scenario, names).factories", _factories
+    ),
     maps=each(INDEX, "a list of numbers of maps, such as range(3)"),
     walks=COUNT,
     seed=SEED,

@@ -138,8 +138,9 @@ class Walks:
         except (TypeError, ValueError, OverflowError):
             seconds = float("nan")
         if not 0 <= seconds <= self.latest:
-            must = f"from 0 to {self.latest:g}, the scenario's latest" if self.latest else "0, as the scenario's are"
-            raise EnvError(f"departure must be a number of seconds {must}, not {brief(value)}", field="departure")
+            last = f"a number of seconds from 0 to {self.latest:g}, the scenario's latest departure"
+            must = last if self.latest else "0, when all of the scenario's walks depart"
+            raise EnvError(f"departure must be {must}, not {brief(value)}", field="departure")
         return seconds
 
 
