@@ -1,5 +1,6 @@
 """How to learn: every setting of a training run."""
 
+import math
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -162,6 +163,11 @@ class TrainConfig(Spec):
     def iterations(self) -> int:
         """Gradient steps in a round."""
         return self.round_steps // self.walkers
+
+    @property
+    def rounds_before_mean(self) -> int:
+        """Rounds before the last quarter, of which the mean network is."""
+        return self.rounds - math.ceil(self.rounds / 4)
 
     @property
     def remembers_places(self) -> bool:

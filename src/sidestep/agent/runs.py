@@ -143,8 +143,7 @@ def train(
     drawn = draw_training_map(scenario, seed, index)
     # What nobody can learn is refused before anything is written.
     destinations_of(drawn, config.destinations)
-    if not scenario.place.connected:
-        check_paths(drawn)
+    check_paths(drawn)
     metadata = Metadata(scenario=scenario, seed=seed, map=index, config=config, fingerprint=drawn.fingerprint)
     state = None
     if out is not None:

@@ -1,6 +1,5 @@
 """Training rounds: act, remember, learn, test; one compiled program per round (the paper's algorithm 1)."""
 
-import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -187,8 +186,7 @@ def train_round(
 
 def _mean(config: TrainConfig, state: TrainState) -> QNetwork:
     """Mean of the networks after each of the last quarter of rounds; before that quarter, the latest network."""
-    before = config.rounds - math.ceil(config.rounds / 4)
-    number = jnp.maximum(state.iteration // config.iterations - before, 1)
+    number = jnp.maximum(state.iteration // config.iterations - config.rounds_before_mean, 1)
     share = 1 / number
     return jax.tree.map(lambda new, mean: share * new + (1 - share) * mean, state.learner.q_network, state.kept)
 

@@ -1,7 +1,6 @@
 """The command `train`."""
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -152,9 +151,7 @@ def show_run(scenario: str, run: "TrainingRun") -> None:
     first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
     unit = "min" if problem.objective.is_time else "min of cost"
     walks = f"{first:.1f} {unit} after the first round, {last:.1f} after the last, {run.best_minutes:.1f} at best"
-    early = len(metadata.curve) <= config.rounds - math.ceil(config.rounds / 4)
-    print_text(
-        f"greedy test walks: {walks}; {KEPT['last' if config.keep == 'mean' and early else config.keep]} is kept"
-    )
+    early = config.keep == "mean" and len(metadata.curve) <= config.rounds_before_mean
+    print_text(f"greedy test walks: {walks}; {KEPT['last' if early else config.keep]} is kept")
     if run.folder is not None:
         print(f"Model: {run.folder}")

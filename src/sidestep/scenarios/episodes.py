@@ -166,7 +166,7 @@ def check_paths(scenario_map: ScenarioMap) -> None:
     ScenarioError
         Such a node.
     """
-    if len(scenario_map.parts) == 1:
+    if not scenario_map.connected:
         check_ways(scenario_map.network, scenario_map.origins, scenario_map.destinations)
 
 

@@ -65,6 +65,8 @@ class ScenarioMap(eqx.Module):
     """Nodes where walks end; none: anywhere."""
     waits: AnyWaits = NoWaits()
     """At gates, at lights and for gaps in the traffic."""
+    connected: bool = eqx.field(static=True, default=False)
+    """Whether paths are known to lead from every node to all others of its part, as on grids."""
 
     def flow_for(self, purpose: Purpose) -> FlowModel:
         """The crowds that walks of one purpose meet."""
@@ -195,7 +197,7 @@ def _key(seed: int, index: int) -> Key[Array, ""]:
 
 
 def _grid_map(key: Key[Array, ""], network: RoadNetwork, flow: FlowModel, parts: tuple[int, ...]) -> ScenarioMap:
-    return ScenarioMap(network, flow, flow, key, parts)
+    return ScenarioMap(network, flow, flow, key, parts, connected=True)
 
 
 @cached_by_files(lambda venue, *_: venue.files)

@@ -61,7 +61,6 @@ class Grid(Spec):
     origins: ClassVar[tuple[values.Waypoint, ...]] = ()
     destinations: ClassVar[tuple[values.Waypoint, ...]] = ()
     anywhere: ClassVar[bool] = False
-    connected: ClassVar[bool] = True  # paths lead from every node to every other
     interpolated: ClassVar[bool] = False
     certain: ClassVar[bool] = False
     attribution: ClassVar[str] = ""
@@ -312,7 +311,6 @@ class Venue(Spec):
     inner: ClassVar[str] = "crowd_source"
     called: ClassVar[str] = "a real place"
     anywhere: ClassVar[bool] = True
-    connected: ClassVar[bool] = False  # not as a rule
     training_maps: ClassVar[int] = 0
     nodes: ClassVar[int] = 0  # only its streets know
     across: ClassVar[float] = math.inf  # futures reach as far as walks
