@@ -1,6 +1,7 @@
 """All peers side by side: ``make bench``, and ``make bench-smoke`` for a small run without timings.
 
-Every measurement is a process of its own, and peers take turns: each of them learns a map before any learns the next.
+Cold and warm runs are a process for each map, running ones a process for all maps of a seed. Peers take turns: each of
+them learns a map before any learns the next.
 What they have learned is walked afterwards by Sidestep's functional core, so that nobody's time includes the judging.
 """
 
@@ -13,7 +14,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -21,14 +22,12 @@ from typing import Any
 from environments import HERE, NotInstalledError, python_of
 from problem import CONGESTED, PAPER, Problem, Task
 from problems import SCENARIO, Judge, on_map
-from registry import ABSENT, PEERS, PROJECT, Peer
+from registry import ABSENT, NEVER, PEERS, PROJECT, RUNNING, Peer
 
 from sidestep import Scenario
 
 ENOUGH = 1.0
 """Per cent over the optimum that are good enough."""
-NEVER = "none"
-"""The cache of peers that never compile."""
 
 
 Lines = list[dict[str, Any]]
@@ -41,13 +40,17 @@ class Turn:
 
     peer: Peer
     task: Task
-    cache: str
-    """``cold``: nothing is compiled yet; ``warm``: this peer has run here before; ``none``: it never compiles."""
+    state: str
+    """``cold``: nothing is compiled yet; ``warm``: this peer has run here before; ``none``: it never compiles;
+    ``running``: the process has learned another map before."""
     seed: int
-    index: int
+    maps: tuple[int, ...]
+    """Numbers of the maps that the process learns; the first one of ``running`` is not measured."""
 
 
-def run_peer(turn: Turn, python: Path, problem: Path, cache: Path, seconds: float, core: int | None) -> Lines:
+def run_peer(
+    turn: Turn, python: Path, problems: list[Path], cache: Path, seconds: float, core: int | None = None
+) -> Lines:
     """Start a process that learns, and collect what it prints.
 
     Raises
@@ -67,15 +70,17 @@ def run_peer(turn: Turn, python: Path, problem: Path, cache: Path, seconds: floa
         "PEER_SECONDS": f"{seconds}",
         "PEER_CORE": "" if core is None else f"{core}",
     }
-    command = [python, HERE / "protocol.py", turn.peer.runner, turn.peer.algorithm, problem, f"{turn.seed}"]
-    patience = 3 * seconds + 120
+    command = [python, HERE / "protocol.py", turn.peer.runner, turn.peer.algorithm, f"{turn.seed}", *problems]
+    patience = 3 * seconds * len(problems) + 120
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=patience)
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"event"')]
 
 
-def summed_up(turn: Turn, problem: Problem, judge: Judge, lines: Lines) -> dict[str, Any]:
-    """Judge what a process learned, and sum up how fast."""
-    checks, end = lines[:-1], lines[-1]
+def summed_up(turn: Turn, problem: Problem, judge: Judge, lines: Lines, end: dict[str, Any]) -> dict[str, Any]:
+    """Judge what a process learned of one map, and sum up how fast."""
+    *checks, learned = lines
+    began = learned["began"]
+    checks = [check | {"seconds": check["seconds"] - began} for check in checks]
     walked = judge.minutes([check["exits"] for check in checks if check["exits"]])
     own = [check["minutes"] for check in checks if check["minutes"] is not None]
     over = [100 * (minutes / problem.optimum - 1) for minutes in walked or own]
@@ -83,17 +88,16 @@ def summed_up(turn: Turn, problem: Problem, judge: Judge, lines: Lines) -> dict[
     return {
         "peer": turn.peer.name,
         "task": turn.task.name,
-        "cache": turn.cache,
+        "state": turn.state,
         "seed": turn.seed,
-        "map": turn.index,
+        "map": problem.index,
         "seconds_to_enough": there and there["seconds"],
         "transitions_to_enough": there and there["transitions"],
         "final_over_per_cent": over[-1],
         **rates(checks),
-        "seconds": end["seconds"],
-        "cpu_seconds": end["cpu_seconds"],
+        "seconds": learned["seconds"] - began,
         "peak_mib": end["peak_mib"],
-        "out_of_time": end["out_of_time"],
+        "out_of_time": learned["out_of_time"],
         "over_per_cent": [
             [check["transitions"], round(check["seconds"], 3), gap] for check, gap in zip(checks, over, strict=True)
         ],
@@ -119,33 +123,35 @@ def rates(checks: Lines) -> dict[str, Any]:
 
 def turns(peers: list[Peer], options: argparse.Namespace) -> Iterator[Turn]:
     """All measurements, peers in turn."""
-    for index in range(options.maps):
-        for seed in range(options.seeds):
-            for peer in peers:
-                for cache in peer.caches:
-                    if cache in (*options.caches, NEVER):
-                        yield Turn(peer, CONGESTED, cache, seed, index)
-    for number in range(options.turns):
-        for peer in peers:
-            if peer.paper_steps:
-                task = replace(PAPER, transitions=peer.paper_steps, check_every=peer.paper_steps // 6)
-                yield Turn(peer, task, "warm" if peer.jax else NEVER, number, 0)
+    maps = [*((index,) for index in range(options.maps)), (options.maps, *range(options.maps))]
+    for seed, numbers, peer in product(range(options.seeds), maps, peers):
+        for state in peer.states:
+            if state in (*options.states, NEVER) and (state == RUNNING) == (len(numbers) > 1):
+                yield Turn(peer, CONGESTED, state, seed, numbers)
+    for number, peer in product(range(options.turns), peers):
+        if peer.paper_steps:
+            task = replace(PAPER, transitions=peer.paper_steps, check_every=peer.paper_steps // 6)
+            yield Turn(peer, task, "warm" if peer.jax else NEVER, number, (0,))
 
 
-def measure(turn: Turn, python: Path, folder: Path, limit: float, given: Scenario = SCENARIO) -> dict[str, Any]:
-    """Run one process, and judge it."""
-    problem, judge = on_map(turn.task, turn.seed, turn.index, given)
-    path = folder / "problem.npz"
-    problem.save(path)
+def measure(turn: Turn, python: Path, folder: Path, limit: float, given: Scenario = SCENARIO) -> list[dict[str, Any]]:
+    """Run one process, and judge what it learned of each map."""
+    judged, paths = [on_map(turn.task, turn.seed, index, given) for index in turn.maps], []
+    for problem, _ in judged:
+        paths.append(folder / f"problem-{problem.index}.npz")
+        problem.save(paths[-1])
     core = min(os.sched_getaffinity(0)) if turn.task.walkers == 1 else None
     kept = folder / "caches" / f"{turn.peer.runner}-{turn.peer.algorithm}-{turn.task.name}"
     with tempfile.TemporaryDirectory() as empty:
-        cache = kept if turn.cache == "warm" else Path(empty)
-        if turn.cache == "warm" and not kept.exists():
+        cache = kept if turn.state == "warm" else Path(empty)
+        if turn.state == "warm" and not kept.exists():
             kept.mkdir(parents=True)
-            run_peer(turn, python, path, cache, limit, core)
-        lines = run_peer(turn, python, path, cache, limit, core)
-    return summed_up(turn, problem, judge, lines)
+            run_peer(turn, python, paths, cache, limit, core)
+        *lines, end = run_peer(turn, python, paths, cache, limit, core)
+    ends = [number for number, line in enumerate(lines) if line["event"] == "learned"]
+    parts = [lines[after + 1 : until + 1] for after, until in pairwise([-1, *ends])]
+    runs = [summed_up(turn, *each, part, end) for each, part in zip(judged, parts, strict=True)]
+    return runs[turn.state == RUNNING :]
 
 
 def installed(peers: list[Peer]) -> tuple[dict[str, Path], dict[str, str]]:
@@ -189,7 +195,8 @@ def main() -> None:
     parser.add_argument("--peers", nargs="+", default=[], help="words of their names; by default all")
     parser.add_argument("--maps", type=int, default=3, help="maps of each seed")
     parser.add_argument("--seeds", type=int, default=5, help="of maps and of learners")
-    parser.add_argument("--caches", nargs="+", default=["cold", "warm"], choices=["cold", "warm"])
+    states = ["cold", "warm", RUNNING]
+    parser.add_argument("--states", nargs="+", default=states, choices=states, help="in which maps are learned")
     parser.add_argument("--turns", type=int, default=3, help="at the paper's sizes")
     parser.add_argument("--limit", type=float, default=60, help="seconds after which a run is ended")
     parser.add_argument("--out", type=Path, default=HERE.parent / "peers.json")
@@ -211,15 +218,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for number, turn in enumerate(planned, 1):
             try:
-                run = measure(turn, pythons[turn.peer.environment], Path(folder), options.limit)
+                runs = measure(turn, pythons[turn.peer.environment], Path(folder), options.limit)
             except subprocess.SubprocessError as error:
                 why = (getattr(error, "stderr", None) or f"{error}").strip().rpartition("\n")[2]
-                found["failed"].append([turn.peer.name, turn.task.name, turn.cache, turn.seed, turn.index, why])
+                found["failed"].append([turn.peer.name, turn.task.name, turn.state, turn.seed, turn.maps[-1], why])
                 print(f"FAILED: {turn.peer.name}: {why}", file=sys.stderr, flush=True)
                 continue
-            found["runs"].append(run)
+            found["runs"] += runs
             options.out.write_text(json.dumps(found, indent=1) + "\n")
-            print(f"{number}/{len(planned)} {said(run)}", file=sys.stderr, flush=True)
+            for run in runs:
+                print(f"{number}/{len(planned)} {said(run)}", file=sys.stderr, flush=True)
 
 
 def said(run: dict[str, Any]) -> str:
@@ -227,7 +235,7 @@ def said(run: dict[str, Any]) -> str:
     there = run["seconds_to_enough"]
     reached = f"{there:.2f} s to {ENOUGH:g} %" if there else f"never within {ENOUGH:g} %"
     how = f"{run['microseconds_a_step']:.1f} µs a step" if run["task"] == PAPER.name else reached
-    return f"{run['peer']}, {run['task']}, {run['cache']}, seed {run['seed']}, map {run['map']}: {how}"
+    return f"{run['peer']}, {run['task']}, {run['state']}, seed {run['seed']}, map {run['map']}: {how}"
 
 
 if __name__ == "__main__":

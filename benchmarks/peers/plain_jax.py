@@ -295,14 +295,23 @@ def begin(settings: Settings, tables: dict[str, Any], seed: int) -> tuple[Any, A
     return tables, carry
 
 
+_compiled: dict[tuple[Any, ...], Any] = {}
+
+
 def rounds(settings: Settings, tables: dict[str, Any], seed: int, length: int) -> Iterator[tuple[int, float]]:
-    """Compile, then yield for every ``length`` updates their number so far and the minutes of the greedy walk."""
+    """Yield for every ``length`` updates their number so far and the minutes of the greedy walk.
+
+    Before, it compiles what it needs, unless that was compiled for a map of this size.
+    """
     tables, carry = begin(settings, tables, seed)
-    one_round = jax.jit(partial(several, settings, length), donate_argnums=1).lower(tables, carry, seed).compile()
+    same = settings, length, *((name, table.shape) for name, table in tables.items())
+    if same not in _compiled:  # maps of one size share it
+        one_round = jax.jit(partial(several, settings, length), donate_argnums=1)
+        _compiled[same] = one_round.lower(tables, carry, seed).compile()
     tables = jax.device_put(tables)
     yield 0, np.inf
     while True:
-        carry, minutes = one_round(tables, carry, seed)
+        carry, minutes = _compiled[same](tables, carry, seed)
         yield int(carry[-1]), float(minutes)
 
 

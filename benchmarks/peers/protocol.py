@@ -1,4 +1,4 @@
-"""How a peer is run: ``python protocol.py RUNNER ALGORITHM PROBLEM SEED`` learns, and prints lines of JSON.
+"""How a peer is run: ``python protocol.py RUNNER ALGORITHM SEED PROBLEM...`` learns, and prints lines of JSON.
 
 A runner is a module of ``runners/`` with a function ``learn(algorithm, problem, seed, on_check)``. It calls the latter
 each time that it has looked at what is learned, and leaves judging to the campaign: nobody's time includes it. Seconds
@@ -8,7 +8,6 @@ count from the start of the process as the kernel knows it, so that the interpre
 import importlib
 import json
 import os
-import resource
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ import numpy as np
 from problem import Problem, load_problem
 
 SECONDS = float(os.environ.get("PEER_SECONDS", "120"))
-"""After this time a run ends wherever it is."""
+"""After this time with one problem learning ends wherever it is."""
 CORE = os.environ.get("PEER_CORE")
 """Number of the only core to be used, if any."""
 
@@ -31,8 +30,8 @@ class OutOfTimeError(Exception):
 class OnCheck:
     """Prints what has been learned, and when."""
 
-    def __init__(self) -> None:
-        self.out_of_time = False
+    def __init__(self, began: float) -> None:
+        self.began, self.out_of_time = began, False
 
     def __call__(
         self,
@@ -55,7 +54,7 @@ class OnCheck:
         seconds = since_start()
         said = None if exits is None else [int(each) for each in exits]
         show(event="check", seconds=seconds, transitions=transitions, updates=updates, exits=said, minutes=minutes)
-        if seconds > SECONDS:
+        if seconds - self.began > SECONDS:
             self.out_of_time = True
             raise OutOfTimeError
 
@@ -69,29 +68,34 @@ def since_start() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME) - int(started) / os.sysconf("SC_CLK_TCK")
 
 
+def peak_mib() -> float:
+    """The most memory that this process held, MiB; ``getrusage`` counts what its parent held when it started it."""
+    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024
+
+
 def show(**values: object) -> None:
     """Print a line of JSON."""
     print(json.dumps(values), flush=True)
 
 
 def main() -> None:
-    runner, algorithm, path, seed = sys.argv[1:]
+    runner, algorithm, seed, *paths = sys.argv[1:]
     if CORE:
         os.sched_setaffinity(0, {int(CORE)})  # before any library counts the cores
-    on_check = OnCheck()
-    learn: Learn = importlib.import_module(f"runners.{runner}").learn
-    try:
-        learn(algorithm, load_problem(Path(path)), int(seed), on_check)
-    except Exception:
-        if not on_check.out_of_time:  # compiled programs wrap what callbacks raise
-            raise
-    usage = resource.getrusage(resource.RUSAGE_SELF)
+    learn: Learn | None = None
+    for path in paths:
+        began = since_start() if learn else 0.0  # imports are part of the first problem's time
+        learn = learn or importlib.import_module(f"runners.{runner}").learn
+        on_check = OnCheck(began)
+        try:
+            learn(algorithm, load_problem(Path(path)), int(seed), on_check)
+        except Exception:
+            if not on_check.out_of_time:  # compiled programs wrap what callbacks raise
+                raise
+        show(event="learned", began=began, seconds=since_start(), out_of_time=on_check.out_of_time)
     show(
         event="end",
-        seconds=since_start(),
-        cpu_seconds=usage.ru_utime + usage.ru_stime,
-        peak_mib=usage.ru_maxrss / 1024,
-        out_of_time=on_check.out_of_time,
+        peak_mib=peak_mib(),
         python=sys.version.split()[0],
         versions={name: version(name) for name in importlib.import_module(f"runners.{runner}").PACKAGES},
     )

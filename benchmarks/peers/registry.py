@@ -4,6 +4,10 @@ from dataclasses import dataclass
 
 PROJECT = "project"
 """The project's own environment."""
+NEVER = "none"
+"""The state of processes of peers that never compile."""
+RUNNING = "running"
+"""The state of processes that have learned another map before."""
 MANY = 60_000
 """Steps at the paper's sizes of a peer whose whole training is compiled."""
 
@@ -26,9 +30,9 @@ class Peer:
     """Steps to measure at the paper's sizes; 0 for learners that do not make one gradient step a step."""
 
     @property
-    def caches(self) -> tuple[str, ...]:
-        """States of the compilation cache that make a difference."""
-        return ("cold", "warm") if self.jax else ("none",)
+    def states(self) -> tuple[str, ...]:
+        """States in which a map is learned, as far as they make a difference."""
+        return ("cold", "warm", RUNNING) if self.jax else (NEVER, RUNNING)
 
 
 SIDESTEP = Peer("Sidestep", PROJECT, "sidestep", "DARP", masks=True, jax=True, paper_steps=MANY)

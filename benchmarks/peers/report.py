@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from registry import SIDESTEP
+from registry import NEVER, RUNNING, SIDESTEP
 
 PAGE = Path(__file__).parents[2] / "docs" / "peers.md"
 BEGIN, END = "<!-- benchmarks/peers/report.py writes from here -->\n", "<!-- to here -->\n"
@@ -37,10 +37,10 @@ def race(found: dict[str, Any]) -> Iterator[str]:
         peers = [peer["name"] for peer in found["peers"] if peer["masks"] == masks or peer["name"] == SIDESTEP.name]
         yield from ("", f"{title}:", "")
         yield (
-            "| peer | cold, × Sidestep | warm, × Sidestep | there, cold / warm | cold, s | warm, s | "
-            "% over at the end, median (worst) | transitions/s | updates/s | peak, MiB |"
+            "| peer | cold, × Sidestep | warm, × | running, × | there, cold / warm / running | cold, s | warm, s | "
+            "running, s | % over at the end, median (worst) | transitions/s | updates/s | peak, MiB |"
         )
-        yield "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|"
+        yield "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|"
         for peer in peers:
             yield row(peer, runs)
 
@@ -49,22 +49,23 @@ def row(peer: str, runs: Runs) -> str:
     """One peer's."""
     mine = [run for run in runs if run["peer"] == peer]
     if not mine:
-        return f"| {peer} |{' – |' * 9}"
-    by_cache = {cache: [run for run in mine if run["cache"] in (cache, "none")] for cache in ("cold", "warm")}
-    ratios = [times(ratio(each, ours(runs, cache))) for cache, each in by_cache.items()]
-    there = [reached(each) for each in by_cache.values()]
-    took = [shown(median(map(seconds, each))) if each else "–" for each in by_cache.values()]
+        return f"| {peer} |{' – |' * 11}"
+    by_state = {state: [run for run in mine if run["state"] in (state, NEVER)] for state in ("cold", "warm")}
+    by_state[RUNNING] = [run for run in mine if run["state"] == RUNNING]
+    alone = [run for run in mine if run["state"] != RUNNING]  # processes that learned several maps held more
+    ratios = [times(ratio(each, ours(runs, state))) for state, each in by_state.items()]
+    there = [reached(each) for each in by_state.values()]
+    took = [shown(median(map(seconds, each))) if each else "–" for each in by_state.values()]
     over = [run["final_over_per_cent"] for run in mine]
-    rates = [
-        middle([run[name] for run in mine]) for name in ("transitions_per_second", "updates_per_second", "peak_mib")
-    ]
+    rates = [middle([run[name] for run in mine]) for name in ("transitions_per_second", "updates_per_second")]
     cells = [
         peer,
         *ratios,
-        " / ".join(dict.fromkeys(there)),
+        there[0] if len(set(there)) == 1 else " / ".join(there),
         *took,
         f"{share(median(over))} ({share(max(over))})",
         *rates,
+        middle([run["peak_mib"] for run in alone]),
     ]
     return f"| {' | '.join(cells)} |"
 
@@ -85,13 +86,13 @@ def middle(values: list[float | None]) -> str:
     return f"{median(known):,.0f}" if known else "–"
 
 
-def ours(runs: Runs, cache: str) -> Runs:
-    """Sidestep's runs with a cache."""
-    return [run for run in runs if run["peer"] == SIDESTEP.name and run["cache"] == cache]
+def ours(runs: Runs, state: str) -> Runs:
+    """Sidestep's runs in a state."""
+    return [run for run in runs if run["peer"] == SIDESTEP.name and run["state"] == state]
 
 
 def seconds(run: dict[str, Any]) -> float:
-    """From process start to the optimum; for ever where it was never reached."""
+    """To the optimum, from process start or, where it ran already, from taking up the map; infinite where never."""
     return run["seconds_to_enough"] or math.inf
 
 
@@ -150,8 +151,8 @@ def absent(found: dict[str, Any]) -> Iterator[str]:
         yield f"- {name}: {reason}."
     for name, reason in found["skipped"].items():
         yield f"- {name} did not install here: {reason}."
-    for name, task, cache, seed, index, reason in found["failed"]:
-        yield f"- {name} failed ({task}, {cache}, seed {seed}, map {index}): {reason}"
+    for name, task, state, seed, index, reason in found["failed"]:
+        yield f"- {name} failed ({task}, {state}, seed {seed}, map {index}): {reason}"
 
 
 def main() -> None:

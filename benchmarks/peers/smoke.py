@@ -13,10 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from campaign import NEVER, Turn, installed, measure
+from campaign import Turn, installed, measure
 from environments import HERE
 from problem import CONGESTED, PAPER
-from registry import PEERS, Peer
+from registry import NEVER, PEERS, RUNNING, Peer
 
 from sidestep import scenario
 
@@ -38,14 +38,17 @@ def checked(peer: Peer, python: Path) -> str:
     AssertionError
         It did not learn, or did not report it.
     """
-    cache = "cold" if peer.jax else NEVER
+    state = "cold" if peer.jax else NEVER
     with tempfile.TemporaryDirectory() as folder:
-        run = measure(Turn(peer, SHORT, cache, 0, 0), python, Path(folder), PATIENCE, SMALL)
-        if peer.paper_steps:
-            check_sums(measure(Turn(peer, FEW, cache, 0, 0), python, Path(folder), PATIENCE, SMALL))
-    assert not run["out_of_time"], "it took too long"
-    check_sums(run)
-    least = min(over for *_, over in run["over_per_cent"])
+        given = python, Path(folder), PATIENCE, SMALL
+        (run,) = measure(Turn(peer, SHORT, state, 0, (0,)), *given)
+        (again,) = measure(Turn(peer, SHORT, RUNNING, 0, (1, 0)), *given)
+        for each in measure(Turn(peer, FEW, state, 0, (0,)), *given) if peer.paper_steps else []:
+            check_sums(each)
+    for each in (run, again):
+        assert not each["out_of_time"], "it took too long"
+        check_sums(each)
+    least = max(min(over for *_, over in each["over_per_cent"]) for each in (run, again))
     assert least < 100, "it never found a good way across"
     return f"{least:.1f} % over the optimum at best"
 

@@ -111,9 +111,27 @@ def arrays(problem: Problem) -> Params:
     )
 
 
+CONSTANTS = ("nodes", "exits", "slot_seconds", "origin", "destination", "horizon", "unit_seconds")
+"""What programs know of a problem, beside its arrays: maps of one scenario share them."""
+_programs: dict[tuple[Any, ...], tuple[Any, Any, Any]] = {}
+
+
 def learn(algorithm: str, problem: Problem, seed: int, on_check: OnCheck) -> None:
     """Learn with ``DQN``, ``IQN`` or ``PQN``, a compiled piece between two looks at what is learned."""
     task, params = problem.task, arrays(problem)
+    same = (algorithm, task, *(getattr(problem, name) for name in CONSTANTS))
+    if same not in _programs:
+        _programs[same] = programs(algorithm, problem, params)
+    learner, begin, go_on = _programs[same]
+    state = begin(params, jax.random.key(seed))
+    for done in range(task.check_every, task.transitions + 1, task.check_every):
+        state, found = go_on(params, state)
+        on_check(done, updates(learner, algorithm, done), problem.greedy(jax.device_get(found[0])))
+
+
+def programs(algorithm: str, problem: Problem, params: Params) -> tuple[Any, Any, Any]:
+    """The learner, and what begins a training and goes on with it."""
+    task = problem.task
     learner = getattr(rejax, algorithm).create(
         env=Streets(problem),
         env_params=params,
@@ -137,10 +155,7 @@ def learn(algorithm: str, problem: Problem, seed: int, on_check: OnCheck) -> Non
     learner = learner.replace(eval_callback=values)
     begin = jax.jit(lambda params, key: learner.replace(env_params=params).init_state(key))
     go_on = jax.jit(lambda params, state: learner.replace(env_params=params).train(train_state=state), donate_argnums=1)
-    state = begin(params, jax.random.key(seed))
-    for done in range(task.check_every, task.transitions + 1, task.check_every):
-        state, found = go_on(params, state)
-        on_check(done, updates(learner, algorithm, done), problem.greedy(jax.device_get(found[0])))
+    return learner, begin, go_on
 
 
 def settings(algorithm: str, problem: Problem) -> dict[str, Any]:
