@@ -273,6 +273,8 @@ def unknown_cost_to_go(destinations: Bool[Array, "destination node"]) -> Expecte
 
 def _numbers(destinations: Bool[Array, "destination node"]) -> Int[Array, " node"]:
     """Number of the destination that each node belongs to; -1 where it belongs to none."""
+    # Keeps XLA from folding this where destinations are constants, which takes far longer than to run it.
+    destinations = jax.lax.optimization_barrier(destinations)  # type: ignore[no-untyped-call]
     number = jnp.where(destinations.any(axis=0), jnp.argmax(destinations, axis=0), ABSENT)
     return number.astype(jnp.int32)
 
