@@ -97,7 +97,7 @@ WRONG: dict[Callable[..., Any], dict[str, tuple[Any, ...]]] = {
     compare: {
         "scenario": NO_OBJECTS,
         "planners": (["expected"], "expected", None, {}, {"a": 3}),
-        "maps": NO_LISTS,
+        "maps": (*NO_LISTS, [0, 0]),
         "walks": NO_COUNTS,
         "seed": NO_SEEDS,
         "workers": NO_COUNTS,

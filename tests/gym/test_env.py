@@ -1,5 +1,7 @@
 """The single environment, step by step beside the functional core, and Gymnasium's own checks."""
 
+import copy
+import pickle
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -44,6 +46,34 @@ def test_steps_are_those_of_the_functional_core(env: WalkEnv, task: Task) -> Non
         assert info["seconds"] == pytest.approx(float(state.clock), rel=1e-6)
     assert terminated
     assert info["node"] == 8
+
+
+def test_tests_walk_the_futures_of_comparisons() -> None:
+    square = sidestep.scenario("paper-unblocked", side=2)  # two ways round: the clairvoyant takes the better one
+    chosen = sidestep.choose_planners(square, ["expected"])
+    found = sidestep.compare(square, chosen.factories, maps=[1], walks=6, seed=4).records
+    env = WalkEnv(square, map_seed=4, map_index=1, purpose="test", futures=6)
+    for future in range(6):
+        ways = []
+        for actions in ((2, 0), (0, 2)):
+            env.reset(options={"future": future})
+            ways.append([env.step(action) for action in actions][-1][4]["seconds"] / 60)
+        assert min(ways) == pytest.approx(found["clairvoyant"].minutes[0, future], rel=1e-5)
+        assert min(ways) < max(ways)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])  # noqa: S301
+def test_copies_are_environments_of_the_same_options(env: WalkEnv, copied: Callable[[WalkEnv], WalkEnv]) -> None:
+    env.reset(seed=5)
+    again = copied(env)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        again.step(0)
+    assert again.options == env.options
+    for made in (env, again):
+        made.reset(seed=7)
+    first, second = (made.step(2) for made in (env, again))
+    np.testing.assert_array_equal(first[0], second[0])
+    assert first[4]["seconds"] == second[4]["seconds"] > 0
 
 
 def test_gymnasium_has_nothing_to_say_against_it(small: Scenario) -> None:

@@ -1,5 +1,7 @@
 """The vector environment: the same as single environments side by side, in one call."""
 
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
@@ -33,6 +35,13 @@ def test_walkers_walk_as_single_environments_do(small: Scenario, mode: Autoreset
         ended += told[2].sum()
     assert ended > WALKERS
     assert data_equivalence(ours.reset(), theirs.reset())
+
+
+def test_pickles_are_environments_of_the_same_options(small: Scenario) -> None:
+    envs = WalkVectorEnv(small, 2, futures=3, autoreset_mode="SameStep")
+    again = pickle.loads(pickle.dumps(envs))  # noqa: S301
+    assert again.options == envs.options
+    assert data_equivalence(again.reset(seed=3), envs.reset(seed=3))
 
 
 def test_walks_that_are_over_wait_for_a_reset(small: Scenario) -> None:

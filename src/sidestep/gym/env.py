@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import EzPickle
 from jaxtyping import Bool
 
 from sidestep.gym.choices import CHOICES, check_names
@@ -15,12 +16,12 @@ from sidestep.gym.spaces import observation_space, with_mask
 from sidestep.gym.task import Task
 
 
-class WalkEnv(gymnasium.Env[Any, np.int64]):
+class WalkEnv(gymnasium.Env[Any, np.int64], EzPickle):
     """A walker who decides at every crossing which street to take, through crowds that change.
 
     An action is the number of an exit; the mask says which may be taken. One that may not is replaced by the next that
     may, counting upwards and round. Rewards are those of the scenario. An episode terminates on arrival, and is
-    truncated at the scenario's horizon.
+    truncated at the scenario's horizon. Copies and pickles are environments of the same options, not yet reset.
 
     Parameters
     ----------
@@ -50,6 +51,7 @@ class WalkEnv(gymnasium.Env[Any, np.int64]):
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012 # gymnasium looks for it here
 
     def __init__(self, scenario: object, **options: Any) -> None:
+        EzPickle.__init__(self, scenario, **options)
         self.options = read_options(EnvOptions, scenario, options)
         self._runner = Runner(self.options, 1, "Disabled")
         self._scene = scene_of(self._runner.task, self.options, 1)

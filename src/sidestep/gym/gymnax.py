@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, UInt32
 
 from sidestep.environment.types import EnvState, Observation
-from sidestep.gym.options import EnvError, EnvOptions, read_options
+from sidestep.gym.options import EnvError, GymnaxOptions, read_options
 from sidestep.gym.spaces import KEYS
 from sidestep.gym.task import Task, task_of
 
@@ -86,7 +86,7 @@ class GymnaxEnv:
         What ``step`` returns: observation, state, reward, done and info in ``0.0.9`` (which rejax wants), or
         observation, state, reward, terminated, truncated and info in ``1.0``.
     **options
-        Fields of :class:`sidestep.gym.EnvOptions`.
+        Fields of :class:`sidestep.gym.options.GymnaxOptions`.
 
     Raises
     ------
@@ -108,7 +108,7 @@ class GymnaxEnv:
     def __init__(self, scenario: object, *, api: str = "1.0", **options: Any) -> None:
         if api not in get_args(Api):
             raise EnvError(f"api must be one of {', '.join(get_args(Api))}, not {api!r:.60}", field="api")
-        self.options = read_options(EnvOptions, scenario, options)
+        self.options = read_options(GymnaxOptions, scenario, options)
         self.api = api
         self.default_params = GymnaxParams(task_of(self.options))
 

@@ -29,8 +29,8 @@ def _unset(value: Any) -> Any:
     return "NextStep" if value is None else getattr(value, "value", value)
 
 
-class EnvOptions(Spec):
-    """Keyword arguments of all environments."""
+class TaskOptions(Spec):
+    """Keyword arguments of the functional core: whose walks, and what walkers know."""
 
     refusal = EnvError
 
@@ -52,13 +52,6 @@ class EnvOptions(Spec):
     """How many crossings walks lead to; by default one on grids, and up to 32 in towns."""
     observation: Form = "features"
     """``features``: a vector of numbers; ``node``: the number of the crossing; ``one-hot``: a one in its place."""
-    mask: MaskForm = "info"
-    """``info``: nowhere else; ``dict``: observations are ``{"observation", "action_mask"}``; ``tianshou``:
-    ``{"obs", "mask"}``."""
-    render_mode: Literal["human", "rgb_array"] | None = None
-    """A window, or pictures as arrays."""
-    render_fps: values.Positive = 4.0
-    """Pictures a second, in a window and in films."""
 
     _level_of_form = values.across(
         "observation",
@@ -77,6 +70,23 @@ class EnvOptions(Spec):
         return self.walks == "anywhere" or (self.walks is None and self.scenario.place.anywhere)
 
 
+class GymnaxOptions(TaskOptions):
+    """Keyword arguments of :class:`sidestep.gym.gymnax.GymnaxEnv`, beside its ``api``."""
+
+    mask: MaskForm = "info"
+    """``info``: nowhere else; ``dict``: observations are ``{"observation", "action_mask"}``; ``tianshou``:
+    ``{"obs", "mask"}``."""
+
+
+class EnvOptions(GymnaxOptions):
+    """Keyword arguments of Gymnasium's environments."""
+
+    render_mode: Literal["human", "rgb_array"] | None = None
+    """A window, or pictures as arrays."""
+    render_fps: values.Positive = 4.0
+    """Pictures a second, in a window and in films."""
+
+
 class VectorOptions(EnvOptions):
     """Keyword arguments of vector environments."""
 
@@ -90,7 +100,7 @@ class VectorOptions(EnvOptions):
     """Segments after which a walk is cut off, beside the scenario's horizon."""
 
 
-Options = TypeVar("Options", bound=EnvOptions)
+Options = TypeVar("Options", bound=TaskOptions)
 
 
 def read_options(kind: type[Options], scenario: object, given: dict[str, Any]) -> Options:
@@ -99,7 +109,7 @@ def read_options(kind: type[Options], scenario: object, given: dict[str, Any]) -
     Parameters
     ----------
     kind
-        Those of one environment, or of a vector environment.
+        Which of them.
     scenario
         A scenario, its name or its file.
     given

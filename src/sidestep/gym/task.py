@@ -12,7 +12,7 @@ from sidestep.environment.dynamics import reset, step
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation, Outcome
 from sidestep.gym.features import Encoder, encoder
-from sidestep.gym.options import TOWN_DESTINATIONS, EnvError, EnvOptions, read_options
+from sidestep.gym.options import TOWN_DESTINATIONS, EnvError, TaskOptions, read_options
 from sidestep.scenarios.episodes import DRAWS, InstanceSampler, check_paths, destinations_of, sampler
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
@@ -83,7 +83,7 @@ def make_task(scenario: object, **options: Any) -> Task:
     scenario
         A scenario, its name or its file.
     **options
-        Fields of :class:`sidestep.gym.EnvOptions`, as ``gymnasium.make`` takes them.
+        Fields of :class:`sidestep.gym.options.TaskOptions`: those of ``gymnasium.make`` except for masks and pictures.
 
     Returns
     -------
@@ -102,10 +102,10 @@ def make_task(scenario: object, **options: Any) -> Task:
     >>> task.exits, task.encoder.low.shape
     (4, (44,))
     """
-    return task_of(read_options(EnvOptions, scenario, options))
+    return task_of(read_options(TaskOptions, scenario, options))
 
 
-def task_of(options: EnvOptions) -> Task:
+def task_of(options: TaskOptions) -> Task:
     """The walks that options describe.
 
     Parameters
@@ -150,7 +150,7 @@ def task_of(options: EnvOptions) -> Task:
     return jax.tree.map(lambda leaf: jax.device_put(leaf) if isinstance(leaf, np.ndarray) else leaf, task)
 
 
-def _destinations(options: EnvOptions, here: ScenarioMap) -> int:
+def _destinations(options: TaskOptions, here: ScenarioMap) -> int:
     if options.destinations is not None:
         return options.destinations
     if not options.scenario.place.anywhere or options.shown_level == "position":

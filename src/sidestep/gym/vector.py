@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import EzPickle
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool
@@ -19,10 +20,11 @@ from sidestep.gym.spaces import observation_space, with_mask
 from sidestep.gym.task import Task
 
 
-class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
+class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray], EzPickle):
     """Walkers like those of :class:`~sidestep.gym.WalkEnv`, who all take their steps in one compiled call.
 
-    Walker i of seed s walks as the single environment of seed s + i.
+    Walker i of seed s walks as the single environment of seed s + i. Copies and pickles are environments of the same
+    options, not yet reset.
 
     Parameters
     ----------
@@ -52,6 +54,7 @@ class WalkVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     """
 
     def __init__(self, scenario: object, num_envs: int = 1, **options: Any) -> None:
+        EzPickle.__init__(self, scenario, num_envs, **options)
         self.options = read_options(VectorOptions, scenario, {"num_envs": num_envs, **options})
         self.num_envs, mode = self.options.num_envs, self.options.autoreset_mode
         self.metadata = {
