@@ -5,12 +5,12 @@ Usage: python scripts/ablations_page.py FOLDER
 Models and comparisons that are in FOLDER already are not made again.
 """
 
-import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from keep_models import trained
+from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, kept, mean_row, trained
 
 from sidestep.agent.presets import preset_for
 from sidestep.evaluation.compare import compare
@@ -19,8 +19,8 @@ from sidestep.files import write_text
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import BUILT_IN
 
-DOCS = Path(__file__).parents[1] / "docs"
 SCENARIO = "rush-16"
+DEFAULT = "darp-default"
 LEVELS = {"local": "greedy-local", "map": "greedy-map"}  # and the planner that an untrained agent is
 AT_MAP = ("default", "no-dueling", "prioritised", "one-step")  # what is tried there
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {  # the option of `train`, and the setting that it changes
@@ -42,21 +42,21 @@ This page says what each part of the learning algorithm is worth, by leaving out
 python scripts/ablations_page.py ablations   # trains {models} agents in the folder ablations/, writes this page
 ```
 
-All agents walk the same {walks} held-out walks, corner to corner on `rush-16` (map 0, seed 0), at two
-[levels of knowledge](levels.md). The columns *over* are paired differences in minutes with 95 % intervals, below zero
-where faster; *over the clairvoyant* is the *gap*: how much longer the agent takes than the clairvoyant, in per cent. The
-intervals cover the walks; each agent was trained once. Settings were chosen on this map, and [levels.md](levels.md)
-judges them on another.
+Each agent was trained three times, with seeds {seeds}, and walks {walks} held-out walks each time, corner to corner on the map
+of that seed of `rush-16`, at two [levels of knowledge](levels.md). With a seed, all agents walk the same walks. Numbers are means
+over the seeds. The columns over `expected` and over `darp-default` are paired differences in minutes, below zero where faster,
+with 95 % intervals over the seeds (Student's, with {freedom} degrees of freedom); *over the clairvoyant* is the *gap*: how much
+longer the agent takes than the clairvoyant, in per cent. The last column has the three differences from `darp-default`, one
+for each seed; \\* where the 95 % interval over that seed's walks does not contain zero.
 
 - `default`: n-step returns (n is {steps}), dueling, double, uniform replay, Q as a correction to the level's own estimate.
 - `no-potential`: Q is learned from nothing (`--no-potential`); the estimate remains one of the inputs.
 - `dqn`: no dueling heads, no double Q-learning, uniform replay (`--preset dqn`).
 
-On this one map, dueling heads, double Q-learning and priorities make no difference that these walks could tell from
-chance, and plain `dqn` does as well. Returns of six steps cost half a minute at level `local`, where exploration spoils
-them. Starting from the level's estimate, and not discounting, may be worth 0.2 minutes each. What carries the agents is
-what they observe, and that they score it segment by segment. At level `map` hardly any agent differs from the untrained
-one here; on the map of levels.md the default gains more than a minute.
+Dueling heads, double Q-learning and priorities make no difference that three trainings could tell from chance, and plain `dqn`
+does as well. Returns of six steps cost half a minute at level `local`, where exploration spoils them. Starting from the level's
+estimate, and not discounting, may be worth 0.2 minutes each. At level `map` training gains 0.9 minutes over the untrained walker
+(`greedy-map`), and returns of one step do as well as those of six.
 """
 
 
@@ -64,48 +64,58 @@ def main(folder: Path) -> None:
     """Train, compare, write."""
     page, results = "", {}
     for level, untrained in LEVELS.items():
-        target = folder / f"{level}.json"
-        if not target.exists():
-            write_text(target, json.dumps(run(folder, level, untrained), indent=2) + "\n")
-        results[level] = json.loads(target.read_text(encoding="utf-8"))
-        page += f"\n## Level `{level}`\n\n"
-        page += f"| agent | options of `train` | minutes | over `expected` | 95 % | over `{untrained}` | 95 % | over the clairvoyant |\n"
-        page += "|---|---|--:|--:|--:|--:|--:|--:|\n"
-        for name, row in results[level]["planners"].items():
-            option = VARIANTS.get(name.removeprefix("darp-"), ("",))[0]
-            page += f"| {name} | {option and f'`{option}`'} | {row['minutes']:.1f} | "
-            page += " | ".join(f"{each[0]:+.2f} | {each[1]:+.2f} to {each[2]:+.2f}" for each in row["over"])
-            page += f" | {percent(row['gap'], 2)} |\n"
-    first = results["local"]
+        results[level] = kept(folder / f"{level}.json", partial(run, folder, level, untrained))
+        page += f"\n## Level `{level}`\n\n{table(results[level]['over'])}"
+    walks, models = results["local"]["walks"], 0
+    for found in results.values():
+        models += len(SEEDS) * sum(name.startswith("darp") for name in found["over"]["expected"][0])
     steps = " and ".join(f"{results[level]['steps']} at level `{level}`" for level in LEVELS)
-    models = sum(name.startswith("darp") for found in results.values() for name in found["planners"])
-    head = PAGE.format(models=models, walks=first["walks"], steps=steps)
+    head = PAGE.format(models=models, walks=walks, steps=steps, seeds=SEEDS_IN_WORDS, freedom=len(SEEDS) - 1)
     write_text(DOCS / "ablations.md", head + page)
 
 
+def table(over: dict[str, list[dict[str, Any]]]) -> str:
+    """One level: its agents and planners, against ``expected`` and ``darp-default``."""
+    text = "| agent | options of `train` | minutes | over `expected` | 95 % | over the clairvoyant "
+    text += "| over `darp-default` | 95 % | each seed |\n|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
+    for name in over["expected"][0]:
+        option = VARIANTS.get(name.removeprefix("darp-"), ("",))[0]
+        row, paired = (mean_row([found[name] for found in over[baseline]]) for baseline in ("expected", DEFAULT))
+        text += (
+            f"| {name} | {option and f'`{option}`'} | {row['mean_minutes']:.1f} | {row['difference_minutes']:+.2f} | "
+        )
+        text += "{:+.2f} to {:+.2f}".format(*row["difference_ci95"]) + f" | {percent(row['gap'], 2)} | "
+        text += f"{paired['difference_minutes']:+.2f} | " + "{:+.2f} to {:+.2f}".format(*paired["difference_ci95"])
+        text += f" | {', '.join(map(marked, [found[name] for found in over[DEFAULT]]))} |\n"
+    return text
+
+
+def marked(row: dict[str, Any]) -> str:
+    """A difference, with a star where its interval over walks does not contain zero."""
+    low, high = row["difference_ci95"]
+    return f"{row['difference_minutes']:+.2f}{'' if low <= 0 <= high else '*'}"
+
+
 def run(folder: Path, level: str, untrained: str) -> dict[str, Any]:
-    """One level: all variants in one comparison."""
-    problem, models = BUILT_IN[SCENARIO], []
+    """One level: all variants in one comparison for each seed; rows by what they are set against."""
+    problem, over = BUILT_IN[SCENARIO], {"expected": [], DEFAULT: []}
     default = preset_for(problem, "default", level)  # type: ignore[arg-type]
-    for name, (_, changes) in VARIANTS.items():
-        config = default.changed(**changes)
-        if (name != "default" and config == default) or (level == "map" and name not in AT_MAP):
-            continue
-        models.append(folder / level / name)
-        trained(models[-1], problem, config, seed=0)
-    chosen = choose_planners(problem, [untrained], models=models)
-    compared = compare(problem, chosen.factories, maps=[0], walks=problem.walks)
-    baselines = [compared.to_json(baseline=baseline)["planners"] for baseline in ("expected", untrained)]
-    planners = {
-        name: {
-            "minutes": baselines[0][name]["mean_minutes"],
-            "gap": baselines[0][name]["gap"],
-            "over": [[rows[name]["difference_minutes"], *rows[name]["difference_ci95"]] for rows in baselines],
-        }
-        for name in chosen.factories
-        if name.startswith("darp") or name in (untrained, "expected")
-    }
-    return {"walks": problem.walks, "steps": default.n_step, "planners": planners}
+    for seed in SEEDS:
+        models = []
+        for name, (_, changes) in VARIANTS.items():
+            config = default.changed(**changes)
+            if (name != "default" and config == default) or (level == "map" and name not in AT_MAP):
+                continue
+            models.append(folder / f"seed-{seed}" / level / name)
+            trained(models[-1], problem, config, seed)
+        chosen = choose_planners(problem, [untrained], models=models, seed=seed)
+        compared = compare(problem, chosen.factories, maps=[0], walks=problem.walks, seed=seed)
+        for baseline, rows in over.items():
+            found = compared.to_json(baseline=baseline)["planners"]
+            rows.append(
+                {name: found[name] for name in found if name.startswith("darp") or name in (untrained, "expected")}
+            )
+    return {"walks": problem.walks, "steps": default.n_step, "over": over}
 
 
 if __name__ == "__main__":

@@ -8,49 +8,33 @@ is written when all scenarios have been compared. ``--walks`` takes fewer walks 
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from keep_models import trained
+from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, Case, agents_table, costs, kept, mean_rows, planners_table
 
 from sidestep.agent.checkpoint import load_model
-from sidestep.agent.presets import preset_for
-from sidestep.evaluation.compare import compare
-from sidestep.evaluation.metrics import Row, cells
+from sidestep.evaluation.compare import Comparison, compare
+from sidestep.evaluation.metrics import cells
 from sidestep.files import write_text
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import choose_planners
-from sidestep.scenarios.builtin import BUILT_IN
 
-DOCS = Path(__file__).parents[1] / "docs"
-
-
-@dataclass(frozen=True)
-class Case:
-    """Agents to train on a scenario, and the walks to compare them on: more where differences are small."""
-
-    scenario: str
-    levels: tuple[str, ...]
-    walks: int  # on each map
-
-
-CASES = {
-    "paper-unblocked": Case("paper-unblocked", ("local",), 1_000),
-    "paper-congested": Case("paper-congested", ("local",), 1_000),
-    "rush-16": Case("rush-16", ("local", "map", "live"), 1_600),
-    "rush-32": Case("rush-32", ("live",), 500),
-    "shifting-crowds": Case("shifting-crowds", ("local",), 600),
-    "unseen-maps": Case("unseen-maps", ("map",), 100),
-}
 PLANNERS = (
     "shortest-path", "greedy-local", "expected", "greedy-map", "snapshot", "forecast", "clairvoyant",
 )  # fmt: skip
+CASES = [
+    Case("paper-unblocked", ("local",), 1_000, PLANNERS),
+    Case("paper-congested", ("local",), 1_000, PLANNERS),
+    Case("rush-16", ("local", "map", "live"), 1_600, PLANNERS),
+    Case("rush-32", ("live",), 250, PLANNERS),
+    Case("shifting-crowds", ("local",), 300, PLANNERS),
+    Case("unseen-maps", ("map",), 50, PLANNERS),
+]
 MARGIN_COLUMNS = ("planner", "minutes", "difference", "difference 95 %", "gap", "arrive")
-COLUMNS = (
-    "planner", "knows", "minutes", "median", "90 %", "difference", "difference 95 %", "gap", "arrive",
-)  # fmt: skip
 PAGE = """# Levels of knowledge
 
 This page says what walkers know at each level of knowledge, and how much a trained agent gains over the planners that
@@ -94,20 +78,22 @@ The time to the destination is worked out backwards in time, for all crossings a
 
 Training goes in *rounds*: a fixed number of environment steps, followed by greedy test walks. Agents train on futures of
 their own. The walks below meet other futures, and the maps of `unseen-maps` are others than those trained on. Walks are
-compared one by one with those of the baseline; intervals are 95 % bootstrap intervals over walks, or over maps where
-there are several. A walk that does not arrive by the horizon counts as the horizon. Snapshots and forecasts are worked
-out before the walks. The column *over the clairvoyant* is the *gap*: how much longer the planner takes than the
-clairvoyant, in per cent.
+compared one by one with those of the baseline. A walk that does not arrive by the horizon counts as the horizon. Snapshots
+and forecasts are worked out before the walks. The column *over the clairvoyant* is the *gap*: how much longer the planner
+takes than the clairvoyant, in per cent.
+
+Every agent was trained three times, with seeds {seeds}: each time on another map, through other crowds, on one core of two
+while other trainings used the other. The first table of each scenario has means over the seeds, with 95 % intervals over the
+seeds (Student's, with {freedom} degrees of freedom, hence wide): they cover chance in maps, crowds and trainings. The second
+table has each training by itself, with 95 % bootstrap intervals over its walks, or over maps where there are several.
 
 ## Goals
 
-"Not slower" is met where the interval does not lie above zero, "faster" where all of it lies below. All settings were
-chosen by walks on the map of seed 0; the agents here were trained and walked with seed {seed}, on another map.
+A goal is met where every training meets it: "not slower" where the interval over its walks does not lie wholly above zero,
+"faster" where it lies wholly below, a share of the way by the means. Lists of three are in the order of the seeds. All
+settings were chosen by walks on the map of seed 0.
 
 """
-SEED = 1
-HEAD = "| planner | level | minutes | median | 90 % in | over `expected` | 95 % | over the clairvoyant | arrive |\n"
-HEAD += "|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
 
 
 @dataclass(frozen=True)
@@ -159,126 +145,118 @@ against the walk. Deployed agents therefore leave the level's own estimate only 
 (`correction_margin_seconds`: {map} s at level `map`, {live} s at level `live`, whose forecasts are nearly exact), and
 follow the estimate where a walk comes back to a crossing (`estimate_when_revisiting`): estimates never lead in circles,
 corrections may. Both are settings of [`TrainConfig`](../src/sidestep/agent/config.py) and options of `train`; training
-itself has no margins, so the agents below are the same network, deployed with and without them. `helsinki`, map 0, seed
-{seed}; differences are minutes over `darp` as deployed.
+itself has no margins, so the agents below are the same network, deployed with and without them. `helsinki`, means over
+the three trainings; differences are minutes over `darp` as deployed.
 
 """
 
 
 def main() -> None:
     """Train, compare, write."""
+    known = {case.scenario: partial(run, case) for case in CASES} | {"margins": margins}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("scenarios", nargs="*", default=[*CASES, "margins"])
+    parser.add_argument("scenarios", nargs="*", default=[*known])
     parser.add_argument("--walks", type=int, help="on each map, instead of each scenario's own number")
     options = parser.parse_args()
     for name in options.scenarios:
-        target = options.folder / f"{name}.json"
-        if not target.exists():
-            make = margins if name == "margins" else partial(run, CASES[name])
-            write_text(target, json.dumps(make(options.folder / name, options.walks), indent=2) + "\n")
-    if all((options.folder / f"{name}.json").exists() for name in (*CASES, "margins")):
+        kept(options.folder / f"{name}.json", partial(known[name], options.folder, options.walks))
+    if all((options.folder / f"{name}.json").exists() for name in known):
         write_page(options.folder)
 
 
 def run(case: Case, folder: Path, walks: int | None) -> dict[str, Any]:
-    """One scenario: its models, then one comparison of all."""
-    problem, cost = BUILT_IN[case.scenario], {}
-    for level in case.levels:
-        found = trained(folder / level, problem, preset_for(problem, "default", level), SEED)
-        cost[level] = {key: found[key] for key in ("seconds", "steps_per_second", "updates_per_second")}
-        cost[level]["rounds"] = len(found["curve_minutes"])
-    chosen = choose_planners(problem, PLANNERS, models=[folder / level for level in case.levels], seed=SEED)
-    compared = compare(problem, chosen.factories, maps=chosen.map_numbers(), walks=walks or case.walks, seed=SEED)
+    """One scenario: its models, then one comparison of all for each seed."""
+    took = case.trained(folder / case.scenario)
+    compared = case.compared(folder / case.scenario, walks)
     goals = [{**asdict(goal), **judged(goal, compared)} for goal in GOALS if goal.scenario == case.scenario]
-    return {"trained": cost, **compared.to_json(), "goals": goals}
+    return {"trained": took, "compared": [each.to_json() for each in compared], "goals": goals}
 
 
 def margins(folder: Path, walks: int | None) -> dict[str, Any]:
-    """The agents of a town, deployed with and without their margins."""
-    problem, results = BUILT_IN["helsinki"], {}
-    for level, untrained in MARGINS.items():
-        trained(folder / level, problem, preset_for(problem, "default", level), SEED)
-        model = load_model(folder / level)
-        agents = {name: trained_darp(model.changed(**changes)) for name, changes in DEPLOYED.items()}
-        factories = choose_planners(problem, [untrained]).factories
-        factories |= {name: lambda *_, agent=agent: agent for name, agent in agents.items()}
-        compared = compare(problem, factories, maps=[0], walks=walks or MARGIN_WALKS, seed=SEED)
-        results[level] = compared.to_json(baseline="darp")
-        results[level]["margin"] = model.metadata.config.correction_margin_seconds
+    """The agents of a town, deployed with and without their margins: comparisons by level, one for each seed."""
+    case, results = Case("helsinki", tuple(MARGINS), walks or MARGIN_WALKS, ()), {}
+    case.trained(folder / case.scenario)
+    for at, (level, untrained) in enumerate(MARGINS.items()):
+        results[level] = []
+        for seed in SEEDS:
+            model = load_model(case.models(folder / case.scenario, seed)[at])
+            agents = {name: trained_darp(model.changed(**changes)) for name, changes in DEPLOYED.items()}
+            factories = choose_planners(case.problem, [untrained]).factories
+            factories |= {name: lambda *_, agent=agent: agent for name, agent in agents.items()}
+            compared = compare(case.problem, factories, maps=[0], walks=case.walks, seed=seed)
+            margin = {"margin": model.metadata.config.correction_margin_seconds}
+            results[level].append(compared.to_json(baseline="darp") | margin)
     return results
 
 
-def judged(goal: Goal, compared: object) -> dict[str, object]:
-    """The paired difference that a goal is about, and whether it is met."""
-    rows = compared.to_json(baseline=goal.baseline)["planners"]
-    row = rows[goal.row]
-    less, more = row["difference_ci95"]
-    difference = row["difference_minutes"]
-    if goal.towards:
-        share = difference / rows[goal.towards]["difference_minutes"]
-        return {"found": f"{100 * share:.0f} % of the way", "met": share >= goal.share}
-    met = more < 0 if goal.strictly else less <= 0
-    return {"found": f"{difference:+.2f} min ({less:+.2f} to {more:+.2f})", "met": met}
+def judged(goal: Goal, compared: Sequence[Comparison]) -> dict[str, object]:
+    """The paired differences that a goal is about, one for each seed, and which of them meet it."""
+    found, met = [], []
+    for rows in (each.to_json(baseline=goal.baseline)["planners"] for each in compared):
+        row = rows[goal.row]
+        less, more = row["difference_ci95"]
+        difference = row["difference_minutes"]
+        if goal.towards:
+            whole = rows[goal.towards]["difference_minutes"]
+            share = difference / whole
+            found.append(f"{100 * share:.0f}")
+            met.append(whole < 0 and share >= goal.share)
+        else:
+            found.append(f"{difference:+.2f} ({less:+.2f} to {more:+.2f})")
+            met.append(more < 0 if goal.strictly else less <= 0)
+    return {"found": f"{', '.join(found)} {'% of the way' if goal.towards else 'min'}", "met": met}
 
 
 def write_page(folder: Path) -> None:
     """docs/levels.md from the numbers in the folder."""
-    page = PAGE.replace("{seed}", str(SEED))
-    results = {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in CASES}
+    page = PAGE.format(seeds=SEEDS_IN_WORDS, freedom=len(SEEDS) - 1)
+    results = {case: json.loads((folder / f"{case.scenario}.json").read_text(encoding="utf-8")) for case in CASES}
     page += "| scenario | agent | goal | measured | |\n|---|---|---|---|---|\n"
-    for name, found in results.items():
+    for case, found in results.items():
         for goal in found["goals"]:
-            page += verdict(name, goal["row"], goal["text"], goal["found"], met=goal["met"])
-        for row, measured in found["planners"].items():
-            if row.startswith("darp"):
-                rate = measured["arrival_rate"]
-                page += verdict(name, row, "arrival at least 0.999", f"{rate:.4f}", met=rate >= 0.999)
-        slowest = max(cost["seconds"] for cost in found["trained"].values())
-        page += verdict(name, "all", "trained within 120 s", f"at most {slowest:.0f} s", met=slowest <= 120)
+            page += verdict(case.scenario, goal["row"], goal["text"], goal["found"], goal["met"])
+        for name in (name for name in found["compared"][0]["planners"] if name.startswith("darp")):
+            rates = [each["planners"][name]["arrival_rate"] for each in found["compared"]]
+            text = ", ".join(f"{rate:.4f}" for rate in rates)
+            page += verdict(case.scenario, name, "arrival at least 0.999", text, [rate >= 0.999 for rate in rates])
+        seconds = [one["seconds"] for each in found["trained"].values() for one in each]
+        text = f"at most {max(seconds):.0f} s"
+        page += verdict(case.scenario, "all", "trained within 120 s", text, [each <= 120 for each in seconds])
     page += "\n## Results\n"
-    for name, found in results.items():
-        page += section(name, found)
+    for case, found in results.items():
+        page += section(case, found)
     page += margins_section(json.loads((folder / "margins.json").read_text(encoding="utf-8")))
     write_text(DOCS / "levels.md", page)
 
 
-def verdict(case: str, row: str, goal: str, found: str, *, met: bool) -> str:
+def verdict(case: str, row: str, goal: str, found: str, met: Sequence[bool]) -> str:
     """One line of the table of goals."""
-    return f"| {case} | {row} | {goal} | {found} | {'met' if met else '**missed**'} |\n"
+    missed = f"**missed** by {met.count(False)} of {len(met)}"
+    return f"| {case} | {row} | {goal} | {found} | {'met' if all(met) else missed} |\n"
 
 
-def section(name: str, found: dict[str, Any]) -> str:
-    """One scenario's table."""
-    maps, walks = found["maps"], found["walks"]
-    summary = BUILT_IN[CASES[name].scenario].summary
-    text = f"\n### {name}\n\n{summary[0].upper()}{summary[1:]}. "
-    text += f"{maps} map{'s' * (maps > 1)}, {walks:,} walks{' on each' * (maps > 1)}.\n\n"
-    for level, cost in found["trained"].items():
-        text += (
-            f"`sidestep train {CASES[name].scenario} --level {level} --seed {SEED}`: {cost['seconds']:.0f} s with "
-            f"compiling ({cost['rounds']} rounds, {cost['steps_per_second']:,.0f} transitions and "
-            f"{cost['updates_per_second']:,.0f} updates a second).\n\n"
-        )
-    text += HEAD
-    rows: dict[str, Row] = found["planners"]
-    for planner, row in sorted(rows.items(), key=lambda item: -item[1]["mean_minutes"]):
-        texts = cells(planner, row, maps, COLUMNS)
-        if planner.startswith("darp"):
-            texts["planner"] = f"**{planner}**"
-        text += f"| {' | '.join(texts.values())} |\n"
-    return text
+def section(case: Case, found: dict[str, Any]) -> str:
+    """One scenario's tables."""
+    first = found["compared"][0]
+    maps, walks = first["maps"], first["walks"]
+    summary = case.problem.summary
+    text = f"\n### {case.scenario}\n\n{summary[0].upper()}{summary[1:]}. "
+    text += f"For each seed {maps} map{'s' * (maps > 1)}, {walks:,} walks{' on each' * (maps > 1)}.\n\n"
+    text += costs(case.scenario, found["trained"])
+    return text + planners_table(found["compared"]) + "\n" + agents_table(found["compared"])
 
 
 def margins_section(found: dict[str, Any]) -> str:
     """What margins are worth."""
-    text = MARGINS_TEXT.format(seed=SEED, **{level: f"{each['margin']:g}" for level, each in found.items()})
+    text = MARGINS_TEXT.format(**{level: f"{each[0]['margin']:g}" for level, each in found.items()})
     text += "| level | walks | agent | minutes | difference | 95 % | over the clairvoyant | arrive |\n"
     text += "|---|--:|---|--:|--:|--:|--:|--:|\n"
     for level, each in found.items():
+        rows = mean_rows(each)
         for name in (*DEPLOYED, MARGINS[level], "expected"):
-            texts = cells(name, each["planners"][name], 1, MARGIN_COLUMNS)
-            text += f"| `{level}` | {each['walks']} | {' | '.join(texts.values())} |\n"
+            texts = cells(name, rows[name], 1, MARGIN_COLUMNS)
+            text += f"| `{level}` | {len(each)} x {each[0]['walks']} | {' | '.join(texts.values())} |\n"
     return text
 
 
