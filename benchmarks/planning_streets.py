@@ -90,15 +90,16 @@ class Place:
         return Instance(*jax.device_put((*ends, np.zeros(futures, np.float32), np.arange(futures, dtype=np.int32))))
 
     def walk(self, path: Segments, origin: int, destination: int) -> Float[np.ndarray, " future"]:
-        """Minutes of the walks along a path."""
+        """Minutes of the walks along a path; the horizon for those that do not arrive."""
         exits, taken = np.zeros((self.network.nodes, self.network.exits), bool), np.array(path)
         exits[self.tail[taken]] = np.asarray(self.network.exit_segment)[self.tail[taken]] == taken[:, None]
         kept, todo = KeptPath(exits), self.instance(origin, destination, self.futures)
         plan = kept.plan(self.params, self.instance(origin, destination))
         walked = walk_plan(kept, self.params, plan, todo, self.key)
-        if not np.asarray(walked.arrived).all():
-            raise RuntimeError(f"the route from crossing {origin} to {destination} does not arrive within the horizon")
-        return np.asarray(walked.seconds, float) / 60
+        arrived = np.asarray(walked.arrived)
+        if not arrived.any():
+            raise RuntimeError(f"the route from crossing {origin} to {destination} never arrives")
+        return np.where(arrived, np.asarray(walked.seconds, float), self.problem.horizon) / 60
 
 
 def path_to(graph: csr_array, origin: int, destination: int) -> list[int]:
