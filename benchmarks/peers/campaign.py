@@ -1,8 +1,8 @@
 """All peers side by side: ``make bench``, and ``make bench-smoke`` for a small run without timings.
 
 Cold and warm runs are a process for each map, running ones a process for all maps of a seed. Peers take turns: each of
-them learns a map before any learns the next.
-What they have learned is walked afterwards by Sidestep's functional core, so that nobody's time includes the judging.
+them learns a map before any learns the next. What they have learned is walked afterwards by Sidestep's functional core,
+so that nobody's time includes the judging.
 """
 
 import argparse

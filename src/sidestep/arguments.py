@@ -169,7 +169,7 @@ def one_of(known: Sequence[str]) -> Rule:
     return Rule(f"must be one of {', '.join(known)}", read)
 
 
-def each(rule: Rule, must: str, least: int = 1) -> Rule:
+def each(rule: Rule, must: str, least: int = 1, *, different: bool = False) -> Rule:
     """Lists and other iterables, but no text, whose items keep a rule, as a tuple.
 
     Parameters
@@ -178,6 +178,8 @@ def each(rule: Rule, must: str, least: int = 1) -> Rule:
         Of the items, and of the whole as it is called after "must be".
     least
         The least number of items.
+    different
+        Whether no two of them may be alike.
 
     Returns
     -------
@@ -189,7 +191,7 @@ def each(rule: Rule, must: str, least: int = 1) -> Rule:
         if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
             raise TypeError
         items = tuple(map(rule.read, value))
-        if len(items) < least:
+        if len(items) < least or (different and len(set(items)) < len(items)):
             raise ValueError
         return items
 

@@ -76,6 +76,13 @@ def test_copies_are_environments_of_the_same_options(env: WalkEnv, copied: Calla
     assert first[4]["seconds"] == second[4]["seconds"] > 0
 
 
+@pytest.mark.parametrize(("option", "wrong"), [("mask", "none"), ("render_mode", "ansi"), ("render_fps", 0)])
+def test_options_of_environments_alone_are_named_as_well(small: Scenario, option: str, wrong: object) -> None:
+    with pytest.raises(EnvError) as error:
+        WalkEnv(small, futures=3, **{option: wrong})
+    assert error.value.field == option
+
+
 def test_gymnasium_has_nothing_to_say_against_it(small: Scenario) -> None:
     for options in ({}, {"observation": "node", "mask": "dict"}, {"observation": "one-hot", "mask": "tianshou"}):
         made = gymnasium.make("sidestep/PaperGrid-v0", scenario=small, futures=3, **options)

@@ -92,7 +92,8 @@ def test_draws_are_uniform_and_independent() -> None:
     [
         ("paper", {}, "scenario"), (None, {}, "scenario"), ("no-such.toml", {}, None),
         ("paper-congested", {"level": "hindsight"}, "level"), ("paper-congested", {"futures": 0}, "futures"),
-        ("paper-congested", {"purpose": "play"}, "purpose"), ("paper-congested", {"mask": "dict"}, "mask"),
+        ("paper-congested", {"purpose": "play"}, "purpose"), ("paper-congested", {"mask": "none"}, "mask"),
+        ("paper-congested", {"mask": "dict"}, "mask"),  # which is for environments
         ("paper-congested", {"render_mode": "human"}, "render_mode"),
         ("paper-congested", {"map_seed": -1}, "map_seed"), ("paper-congested", {"seed": 1}, "seed"),
         ("paper-congested", {"destinations": 2}, "destinations"), ("paper-congested", {"walks": "here"}, "walks"),

@@ -146,16 +146,6 @@ class Comparison:
         }
 
 
-_NUMBERS = each(INDEX, "a list of different numbers of maps, such as range(3)")
-
-
-def _maps(value: Any) -> tuple[int, ...]:
-    numbers: tuple[int, ...] = _NUMBERS.read(value)
-    if len(set(numbers)) < len(numbers):
-        raise ValueError
-    return numbers
-
-
 def _factories(value: Any) -> Factories:
     if not isinstance(value, Mapping) or not value or not all(map(callable, value.values())):
         raise TypeError
@@ -168,7 +158,7 @@ def _factories(value: Any) -> Factories:
     planners=Rule(
         "must be functions that make planners, by name, such as choose_planners(scenario, names).factories", _factories
     ),
-    maps=Rule(_NUMBERS.must, _maps),
+    maps=each(INDEX, "a list of different numbers of maps, such as range(3)", different=True),
     walks=COUNT,
     seed=SEED,
     workers=COUNT,
