@@ -105,6 +105,24 @@ def test_a_program_is_compiled_once_and_read_ever_after():
     assert (count("compiled"), count("loaded")) == (1, 1)
 
 
+@pytest.mark.usefixtures("folder")
+def test_what_has_been_lowered_is_not_traced_again_and_what_is_kept_not_at_all():
+    for times in (1, 0):
+        traced: list[int] = []
+
+        def scaled_and_counted(by: float, x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+            traced.append(1)  # noqa: B023 - of this turn
+            return by * x
+
+        scaled_and_counted.__qualname__ = "scaled_and_counted"  # a local function would not be kept
+        made = program("by")(scaled_and_counted)
+        made.lower(2.0, jax.ShapeDtypeStruct((3,), jnp.float32))
+        assert (len(traced), count("compiled")) == (times, 0)
+        assert made(2.0, jnp.ones(3)).tolist() == [2.0, 2.0, 2.0]
+        made.lower(2.0, jnp.ones(3))
+        assert len(traced) == times
+
+
 def test_static_arguments_shapes_trees_and_options_make_other_programs(folder):
     one = program("by")(scaled)
     one(2.0, pair(), jnp.ones(3))
@@ -221,7 +239,7 @@ def listen(name, *_, **__):
 jax.monitoring.register_event_duration_secs_listener(listen)
 small = sidestep.preset("default").changed(rounds=3, round_steps=64, walkers=8, batch=16, capacity=64, futures=4)
 run = sidestep.train(sidestep.scenario("paper-congested", side=3, crowded_nodes=1), small)
-print(len(compiled), dict(counts), run.model.q_network.value.weight.tolist())
+print(len(compiled), dict(sorted(counts.items())), run.model.q_network.value.weight.tolist())
 """
     told = {name: value for name, value in os.environ.items() if not name.startswith("JAX_COMP")}
     home = {"SIDESTEP_CACHE": str(tmp_path / "programs"), "XDG_CACHE_HOME": str(tmp_path)}

@@ -27,7 +27,11 @@ from sidestep.files import stamps
 P = ParamSpec("P")
 Made = TypeVar("Made")
 
-QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+QUICK = {
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_backend_optimization_level": 1,
+    "xla_cpu_parallel_codegen_split_count": 4,  # of 32 parts each repeats some of the others' work
+}
 """Options of the compiler on a CPU for programs that do not run for long."""
 _IN_MEMORY = 128  # programs for each function
 _KNOWN = {"builtins", "collections", "sidestep", "jax", "jaxlib", "numpy", "equinox", "optax"}
@@ -85,6 +89,10 @@ class Program(Generic[P, Made]):
             With :class:`jax.ShapeDtypeStruct` in the place of arrays.
         """
         return self._variant(*self._sorted(*args, **kwargs)).made()
+
+    def lower(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Do that part of :meth:`prepare` which is Python, and for which threads wait for each other."""
+        self._variant(*self._sorted(*args, **kwargs)).lower()
 
     def prepare(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Load or compile what a call needs; arguments may be shapes and types."""
@@ -180,6 +188,7 @@ class _Variant:
         self._options, self._file = options, file
         self._lock = threading.RLock()
         self._traced: Any = None
+        self._lowered: Any = None
         self._executable: Callable[..., list[Any]] | None = None
         self._kept: bytes | None = None
         self._made: Any = None
@@ -196,6 +205,14 @@ class _Variant:
             if self._made_tree is None and not self._read():
                 self._trace()
         return self._made
+
+    def lower(self) -> None:
+        """Trace and lower it, unless it is kept."""
+        with self._lock:
+            if self._executable is None and self._lowered is None and not self._read():
+                if self._traced is None:
+                    self._trace()
+                self._lowered = self._traced.lower()
 
     def executable(self) -> Callable[..., list[Any]]:
         """Load or compile it."""
@@ -247,12 +264,12 @@ class _Variant:
             self._trace()
         counts["compiled", self._name] += 1
         before = kept_programs.hits()
-        compiled = _compiled(self._traced.lower(), self._options)
+        compiled = _compiled(self._lowered or self._traced.lower(), self._options)
         if self._file is not None and kept_programs.hits() != before:
             # What JAX read from its own cache cannot be written once more: it is compiled under another name.
             self._trace(f"_{secrets.token_hex(4)}")
             compiled = _compiled(self._traced.lower(), self._options)
-        self._traced = None
+        self._traced = self._lowered = None
         if self._file is not None:
             kept_programs.write(self._file, compiled, self._made)
         return compiled

@@ -76,7 +76,9 @@ def training_rounds(
         draws = partial(uniform_draws, config, randomness)
         first = scenario_map, draws(0, start=True)
         shape_of_problem, _, shape_of_state = prepare.shapes(config, scenario, *first)
-        compiling = executor.submit(train_round.prepare, config, shape_of_problem, shape_of_state, draws(0))
+        round_of_shapes = config, shape_of_problem, shape_of_state, draws(0)
+        train_round.lower(*round_of_shapes)
+        compiling = executor.submit(train_round.prepare, *round_of_shapes)
         problem, from_anywhere, fresh = prepare(config, scenario, *first)
         compiling.result()
         state = fresh if state is None else state
