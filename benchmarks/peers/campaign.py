@@ -61,6 +61,8 @@ def run_peer(
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     if turn.peer.environment == PROJECT and "PYTHONPATH" in os.environ:
         environment["PYTHONPATH"] = os.environ["PYTHONPATH"]
+    for name in ("SIDESTEP_CACHE", "XLA_FLAGS", "PJRT_NPROC"):  # all peers run as they come
+        environment.pop(name, None)
     environment |= {
         "XDG_CACHE_HOME": f"{cache}",
         "JAX_COMPILATION_CACHE_DIR": f"{cache / 'jax'}",

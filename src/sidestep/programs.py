@@ -11,7 +11,6 @@ import secrets
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -277,11 +276,16 @@ class _Variant:
 
 def _compiled(lowered: Any, options: dict[str, Any]) -> Callable[..., list[Any]]:
     """Compile, without those options that this version of XLA does not know."""
-    for known in (options, *({name: value} for name, value in options.items())):
-        with suppress(jax.errors.JaxRuntimeError):
-            compiled: Callable[..., list[Any]] = lowered.compile(compiler_options=known)
+    while True:
+        try:
+            compiled: Callable[..., list[Any]] = lowered.compile(compiler_options=options)
+        except jax.errors.JaxRuntimeError as error:
+            known = {name: value for name, value in options.items() if name not in str(error)}
+            if not options:
+                raise
+            options = {} if known == options else known
+        else:
             return compiled
-    return lowered.compile()
 
 
 def _left_to_jax(leaf: Any) -> bool:

@@ -48,18 +48,56 @@ def test_steps_are_those_of_the_functional_core(env: WalkEnv, task: Task) -> Non
     assert info["node"] == 8
 
 
-def test_tests_walk_the_futures_of_comparisons() -> None:
-    square = sidestep.scenario("paper-unblocked", side=2)  # two ways round: the clairvoyant takes the better one
+@pytest.mark.parametrize("changes", [{}, {"departures": (0.0, 3600.0)}, {"flows": "forecast"}])
+def test_tests_walk_the_walks_of_comparisons(changes: dict) -> None:
+    # Two ways round: the clairvoyant takes the better one.
+    square = sidestep.scenario("paper-unblocked", side=2, **changes)
     chosen = sidestep.choose_planners(square, ["expected"])
     found = sidestep.compare(square, chosen.factories, maps=[1], walks=6, seed=4).records
     env = WalkEnv(square, map_seed=4, map_index=1, purpose="test", futures=6)
-    for future in range(6):
+    for walk in range(6):
         ways = []
         for actions in ((2, 0), (0, 2)):
-            env.reset(options={"future": future})
+            env.reset(options={"walk": walk})
             ways.append([env.step(action) for action in actions][-1][4]["seconds"] / 60)
-        assert min(ways) == pytest.approx(found["clairvoyant"].minutes[0, future], rel=1e-5)
+        assert min(ways) == pytest.approx(found["clairvoyant"].minutes[0, walk], rel=1e-5)
         assert min(ways) < max(ways)
+    with pytest.raises(EnvError) as error:
+        env.reset(options={"walk": 6})
+    assert error.value.field == "walk"
+
+
+@pytest.mark.parametrize("destinations", [None, 2])
+def test_in_towns_as_well(quarter: Scenario, destinations: int | None) -> None:
+    chosen = sidestep.choose_planners(quarter, ["shortest-path"])
+    walked = sidestep.compare(quarter, chosen.factories, maps=[0], walks=5, destinations=destinations).records
+    env = WalkEnv(quarter, level="local", purpose="test", futures=5, destinations=destinations)
+    params, planner = env.task.params, sidestep.find_planner("shortest-path")
+    exits = np.asarray(params.network.exit_node)
+    routes = sidestep.routes(planner, params, env.task.tests, jax.random.key(0), trace=100)
+    for walk, route in enumerate(routes):
+        _, info = env.reset(options={"walk": walk})
+        assert (info["node"], info["destination"]) == (route.nodes[0], route.nodes[-1])
+        for node, after in pairwise(route.nodes):
+            *_, info = env.step(exits[node].tolist().index(after))
+        assert info["seconds"] / 60 == pytest.approx(walked["shortest-path"].minutes[0, walk], rel=1e-5)
+    for level, purpose, futures in (("local", "test", 16), ("local", "learn", 5), ("position", "test", 5)):
+        env = WalkEnv(quarter, level=level, purpose=purpose, futures=futures)
+        with pytest.raises(EnvError) as error:
+            env.reset(options={"walk": 0})
+        assert error.value.field == "walk"
+
+
+def test_walks_that_begin_anywhere_have_no_others(quarter: Scenario) -> None:
+    with pytest.raises(EnvError) as error:
+        WalkEnv(quarter, futures=2, walks="scenario")
+    assert error.value.field == "walks"
+
+
+def test_what_is_told_may_be_written_to(env: WalkEnv) -> None:
+    _, info = env.reset()
+    info["action_mask"][:] = 1
+    assert env.action_masks().tolist() == [True, False, True, False]
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])  # noqa: S301
@@ -127,6 +165,7 @@ def test_resets_take_wishes(small: Scenario) -> None:
         ({"future": 3}, "future"), ({"future": -1}, "future"), ({"future": 0.5}, "future"),
         ({"future": True}, "future"),
         ({"origin": 9}, "origin"), ({"origin": 8}, "origin"), ({"origin": "0"}, "origin"), ({"origin": [1]}, "origin"),
+        ({"walk": 0}, "walk"), ({"walk": 0, "future": 0}, "walk"),
         ({"destination": 7}, "destination"), ({"departure": 1}, "departure"), ({"departure": "0"}, "departure"),
         ({"departure": float("nan")}, "departure"), ({"futur": 1}, "futur"), ({1: 1}, "1"), ([], "options"),
     ],

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 import jax
 import numpy as np
-from jaxtyping import Array, Key
+from jaxtyping import Array, Int, Key
 
 from sidestep.arguments import COUNT, FUNCTION, INDEX, MINUTES, SEED, Rule, brief, checked, each
 from sidestep.environment.types import LEVELS, EnvParams, Instance
@@ -19,7 +19,7 @@ from sidestep.planners.base import Planner, walk_plan
 from sidestep.planners.registry import A_NAME, BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
 from sidestep.scenarios.futures import make_environment
-from sidestep.scenarios.maps import draw_map, purpose_key
+from sidestep.scenarios.maps import ScenarioMap, draw_map, purpose_key
 from sidestep.scenarios.model import A_SCENARIO, Scenario
 from sidestep.scenarios.streets import walker_facts
 
@@ -270,13 +270,10 @@ def _walk_map(
         raise PlannerError(f"no planner walks map {index}", field="maps")
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
     collected: dict[str, list[Record]] = {name: [] for name in chosen}
-    pairs = scenario.place.anywhere and destinations is None
-    parts = math.ceil(walks / (min(TOWN_CHUNK, scenario_map.network.nodes - 1) if pairs else CHUNK))
+    parts = math.ceil(walks / most_at_once(scenario, scenario_map, destinations))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
-        nodes = None if destinations is None else episodes.destinations_of(scenario_map, destinations)
-        if pairs:
-            nodes = episodes.random_destinations(scenario_map, size, part)
+        nodes = nodes_of_part(scenario, scenario_map, size, destinations, part)
         params = make_environment(scenario, scenario_map, "test", size, level=level, destinations=nodes, part=part)
         todo = episodes.instances(scenario, scenario_map, params, size, first=part * size, destinations=nodes)
         key = purpose_key(scenario_map, "test")
@@ -285,6 +282,46 @@ def _walk_map(
             collected[name].append(_walk(planner, params, todo, key))
             on_walks(index, name, min(size, walks - part * size))
     return {name: join_records(found, lambda each: np.concatenate(each)[:walks]) for name, found in collected.items()}
+
+
+def most_at_once(scenario: Scenario, scenario_map: ScenarioMap, destinations: int | None) -> int:
+    """Most walks of a comparison that share an environment; more are walked in parts of one size.
+
+    Parameters
+    ----------
+    scenario, scenario_map, destinations
+        As for :func:`compare`.
+
+    Returns
+    -------
+    int
+        In towns fewer, where each walk has a destination of its own.
+    """
+    if scenario.place.anywhere and destinations is None:
+        return min(TOWN_CHUNK, scenario_map.network.nodes - 1)
+    return CHUNK
+
+
+def nodes_of_part(
+    scenario: Scenario, scenario_map: ScenarioMap, walks: int, destinations: int | None, part: int = 0
+) -> Int[np.ndarray, "destination part"] | None:
+    """Where the walks of one part of a comparison go.
+
+    Parameters
+    ----------
+    scenario, scenario_map, destinations
+        As for :func:`compare`.
+    walks, part
+        How many, and the number of the part.
+
+    Returns
+    -------
+    Int[np.ndarray, "destination part"] | None
+        None for walks from corner to corner.
+    """
+    if destinations is not None:
+        return episodes.destinations_of(scenario_map, destinations)
+    return episodes.random_destinations(scenario_map, walks, part) if scenario.place.anywhere else None
 
 
 def _walk(planner: Planner, params: EnvParams, todo: Instance, key: Key[Array, ""]) -> Record:

@@ -8,12 +8,13 @@ import numpy as np
 
 from sidestep.arguments import brief
 from sidestep.errors import hint
+from sidestep.evaluation.compare import CHUNK, TOWN_CHUNK
 from sidestep.gym.options import EnvError
 from sidestep.gym.task import Task
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import check_ways
 
-CHOICES = ("future", "origin", "destination", "departure")
+CHOICES = ("walk", "future", "origin", "destination", "departure")
 """What may be chosen of a walk."""
 MOST_NAMED = 8
 
@@ -38,6 +39,8 @@ class Walks:
         self.futures, self.counts = np.asarray(sampler.futures), np.asarray(sampler.counts)
         self.row_of_future = np.asarray(task.params.futures.destination)
         self.destinations = np.asarray(task.destinations)
+        tests = task.tests
+        self.tests = [np.asarray(each) for each in (tests.origin, tests.destination, tests.departure, tests.future)]
         self.part = np.repeat(np.arange(len(task.parts)), task.parts)
         self._network = network
         self._led: set[tuple[int, int]] = set()  # origins and destinations with a path between them
@@ -50,8 +53,8 @@ class Walks:
     def chosen(self, drawn: Chosen, options: Mapping[str, Any]) -> Chosen:
         """Replace what was drawn of a walk by what is asked for.
 
-        A future serves one destination: where only one of both is given, the other follows. An origin that was drawn is
-        drawn anew for another destination.
+        A walk of a comparison leaves nothing else to choose. A future serves one destination: where only one of both is
+        given, the other follows. An origin that was drawn is drawn anew for another destination.
 
         Parameters
         ----------
@@ -68,6 +71,8 @@ class Walks:
         EnvError
             Wishes that are unknown, out of range, or do not fit together, with the wish as their field.
         """
+        if options.get("walk") is not None:
+            return self._compared(options)
         future = self._number(options, "future", len(self.row_of_future))
         origin, end = (self._number(options, name, self.nodes) for name in ("origin", "destination"))
         departure = drawn.departure if options.get("departure") is None else self._departure(options["departure"])
@@ -89,6 +94,18 @@ class Walks:
                 future = int(self.futures[row, drawn.future % self.counts[row]])
         origin, end = self._ends(drawn, row, origin, end)
         return Chosen(origin, end, departure, future)
+
+    def _compared(self, options: Mapping[str, Any]) -> Chosen:
+        others = [name for name, value in options.items() if name != "walk" and value is not None]
+        if others:
+            raise EnvError(f"walk decides the {others[0]} as well; leave out one of both", field="walk")
+        if not len(self.tests[0]):
+            raise EnvError(
+                f"walk needs purpose='test' and at most {CHUNK} futures, or {TOWN_CHUNK} above level position in towns",
+                field="walk",
+            )
+        number = self._number(options, "walk", len(self.tests[0]))
+        return Chosen(*(column[number].item() for column in self.tests))
 
     def _row_of(self, end: int) -> int:
         rows = np.flatnonzero((self.destinations == end).any(axis=1))

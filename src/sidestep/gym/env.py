@@ -69,7 +69,8 @@ class WalkEnv(gymnasium.Env[Any, np.int64], EzPickle):
         seed
             Walks are the same for the same seed. Without one, the walks of the last seed go on.
         options
-            What to choose instead of drawing it: ``future``, ``origin``, ``destination``, ``departure`` in seconds.
+            What to choose instead of drawing it: ``future``, ``origin``, ``destination``, ``departure`` in seconds; or
+            ``walk``, the number of a walk of comparisons, where the purpose is ``test``.
 
         Returns
         -------

@@ -4,6 +4,7 @@ gymnax itself is not needed; where it is loaded, spaces are its own, which learn
 """
 
 import sys
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -70,6 +71,10 @@ class GymnaxParams(eqx.Module):
     task: Task
     max_steps_in_episode: int = MOST_STEPS
     """Segments after which a walk is cut off, beside the scenario's horizon."""
+
+    def replace(self, **changes: Any) -> "GymnaxParams":
+        """Change some of them, as gymnax's own parameters do."""
+        return replace(self, **changes)
 
 
 class GymnaxEnv:

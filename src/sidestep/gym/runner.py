@@ -156,7 +156,7 @@ class Runner:
 
     def _kept(self, told: Told) -> Report:
         report = _report(told)
-        self.mask = report.mask
+        self.mask = report.mask.copy()  # what is told may be written to
         return report
 
     def _as_asked(self, drawn: Instance, wishes: Sequence[Mapping[str, Any]]) -> Instance:

@@ -11,9 +11,11 @@ from jaxtyping import Array, Bool, Float, Int, Key, UInt32
 from sidestep.environment.dynamics import reset, step
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation, Outcome
+from sidestep.evaluation.compare import most_at_once, nodes_of_part
 from sidestep.gym.features import Encoder, encoder
 from sidestep.gym.options import TOWN_DESTINATIONS, EnvError, TaskOptions, read_options
-from sidestep.scenarios.episodes import DRAWS, InstanceSampler, check_paths, destinations_of, sampler
+from sidestep.programs import on_device
+from sidestep.scenarios.episodes import DRAWS, InstanceSampler, check_paths, destinations_of, instances, sampler
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import ScenarioMap, draw_map, draw_training_map
 
@@ -41,6 +43,8 @@ class Task(eqx.Module):
     encoder: Encoder
     destinations: Int[Array, "destination part"]
     """A node of each part of the map for each destination."""
+    tests: Instance
+    """The walks of ``sidestep compare`` with as many walks as futures, through crowds to test on; none to learn on."""
     parts: tuple[int, ...] = eqx.field(static=True)
     """Nodes of each part of the map; training on several maps at once walks maps side by side."""
 
@@ -129,7 +133,9 @@ def task_of(options: TaskOptions) -> Task:
     draw = draw_training_map if options.purpose == "learn" else draw_map
     here = draw(scenario, options.map_seed, options.map_index)
     check_paths(here)
-    destinations = destinations_of(here, _destinations(options, here))
+    _check_walks(options, here)
+    compared, nodes = _compared(options, here)
+    destinations = destinations_of(here, _destinations(options, here)) if nodes is None else nodes
     if len(destinations) > 1 and level == "position":
         raise EnvError(
             "destinations must be 1 at level position: the walker does not know its own", field="destinations"
@@ -146,8 +152,29 @@ def task_of(options: TaskOptions) -> Task:
     anywhere, interpolated = options.from_anywhere, scenario.place.interpolated
     walks = sampler(scenario, here, params, options.futures, destinations=destinations, anywhere=anywhere)
     shown = encoder(options.observation, params, interpolated=interpolated)
-    task = Task(params, walks, shown, jnp.asarray(destinations, jnp.int32), here.parts)
+    tests = instances(scenario, here, params, options.futures, destinations=nodes) if compared else _nothing()
+    task = Task(params, walks, shown, jnp.asarray(destinations, jnp.int32), tests, here.parts)
     return jax.tree.map(lambda leaf: jax.device_put(leaf) if isinstance(leaf, np.ndarray) else leaf, task)
+
+
+def _compared(options: TaskOptions, here: ScenarioMap) -> tuple[bool, Int[np.ndarray, "destination part"] | None]:
+    """Whether the walks are those of a comparison, and where these go; None for walks from corner to corner."""
+    scenario, destinations = options.scenario, options.destinations
+    known = options.shown_level != "position" or not scenario.place.anywhere or destinations is not None
+    if options.purpose == "learn" or not known or options.futures > most_at_once(scenario, here, destinations):
+        return False, None
+    return True, nodes_of_part(scenario, here, options.futures, destinations)
+
+
+def _nothing() -> Instance:
+    whole, real = on_device(np.empty(0), np.int32), on_device(np.empty(0))
+    return Instance(whole, whole, real, whole)
+
+
+def _check_walks(options: TaskOptions, here: ScenarioMap) -> None:
+    if options.walks == "scenario" and options.scenario.place.anywhere and not (here.origins or here.destinations):
+        said = f"walks of {options.scenario.name} begin anywhere: the scenario has no origins nor destinations"
+        raise EnvError(f"walks must be 'anywhere', since {said}", field="walks")
 
 
 def _destinations(options: TaskOptions, here: ScenarioMap) -> int:
