@@ -20,7 +20,7 @@ help:
 	@echo "make stress       fuzzers with new examples and commands killed, again and again (MINUTES=10)"
 	@echo "make test-lowest  the test suite with the lowest versions of the direct dependencies (.venv-lowest)"
 	@echo "make lock         compile requirements.txt and requirements-dev.txt anew from pyproject.toml"
-	@echo "make bench        Sidestep beside learners of other libraries, an hour (docs/peers.md)"
+	@echo "make bench        Sidestep beside learners of other libraries, 80 minutes (docs/peers.md)"
 	@echo "make bench-smoke  each of them for a few seconds, without timings"
 	@echo "make reproduce    the paper's figures and numbers, 100 maps (reproduction/)"
 
