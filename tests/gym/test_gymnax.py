@@ -40,7 +40,7 @@ def test_walks_begin_anew_inside_a_step(small: Scenario, api: str) -> None:
 def test_walks_are_cut_off_at_the_most_steps(small: Scenario) -> None:
     for api in ("0.0.9", "1.0"):
         env = GymnaxEnv(small, api=api, futures=3)
-        params = GymnaxParams(env.default_params.task, max_steps_in_episode=2)
+        params = env.default_params.replace(max_steps_in_episode=2)
         _, state = env.reset(jax.random.key(0), params)
         for action in (2, 3):
             _, after, _, *ends, info = env.step(jax.random.key(1), state, action, params)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sidestep.arguments import brief
+from sidestep.environment.types import Instance
 from sidestep.errors import hint
 from sidestep.evaluation.compare import CHUNK, TOWN_CHUNK
 from sidestep.gym.options import EnvError
@@ -28,6 +29,12 @@ class Chosen(NamedTuple):
     future: int
 
 
+def rows_of(walks: Instance) -> list[Chosen]:
+    """Walks on the host, one by one."""
+    columns = (walks.origin, walks.destination, walks.departure, walks.future)
+    return [Chosen(*row) for row in zip(*(np.asarray(column).tolist() for column in columns), strict=True)]
+
+
 class Walks:
     """The walks that a task has, for checks of those that are asked for."""
 
@@ -39,8 +46,7 @@ class Walks:
         self.futures, self.counts = np.asarray(sampler.futures), np.asarray(sampler.counts)
         self.row_of_future = np.asarray(task.params.futures.destination)
         self.destinations = np.asarray(task.destinations)
-        tests = task.tests
-        self.tests = [np.asarray(each) for each in (tests.origin, tests.destination, tests.departure, tests.future)]
+        self.tests = rows_of(task.tests)
         self.part = np.repeat(np.arange(len(task.parts)), task.parts)
         self._network = network
         self._led: set[tuple[int, int]] = set()  # origins and destinations with a path between them
@@ -72,7 +78,9 @@ class Walks:
             Wishes that are unknown, out of range, or do not fit together, with the wish as their field.
         """
         if options.get("walk") is not None:
-            return self._compared(options)
+            self._check_compared(options)
+        if (walk := self._number(options, "walk", len(self.tests))) is not None:
+            return self.tests[walk]
         future = self._number(options, "future", len(self.row_of_future))
         origin, end = (self._number(options, name, self.nodes) for name in ("origin", "destination"))
         departure = drawn.departure if options.get("departure") is None else self._departure(options["departure"])
@@ -95,17 +103,15 @@ class Walks:
         origin, end = self._ends(drawn, row, origin, end)
         return Chosen(origin, end, departure, future)
 
-    def _compared(self, options: Mapping[str, Any]) -> Chosen:
+    def _check_compared(self, options: Mapping[str, Any]) -> None:
         others = [name for name, value in options.items() if name != "walk" and value is not None]
         if others:
             raise EnvError(f"walk decides the {others[0]} as well; leave out one of both", field="walk")
-        if not len(self.tests[0]):
+        if not self.tests:
             raise EnvError(
                 f"walk needs purpose='test' and at most {CHUNK} futures, or {TOWN_CHUNK} above level position in towns",
                 field="walk",
             )
-        number = self._number(options, "walk", len(self.tests[0]))
-        return Chosen(*(column[number].item() for column in self.tests))
 
     def _row_of(self, end: int) -> int:
         rows = np.flatnonzero((self.destinations == end).any(axis=1))

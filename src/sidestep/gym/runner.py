@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from sidestep.arguments import brief
 from sidestep.environment.types import Instance
-from sidestep.gym.choices import Chosen, Walks
+from sidestep.gym.choices import Walks, rows_of
 from sidestep.gym.options import EnvOptions
 from sidestep.gym.task import task_of
 from sidestep.gym.walkers import Told, Walkers, programs, streams
@@ -160,11 +160,8 @@ class Runner:
         return report
 
     def _as_asked(self, drawn: Instance, wishes: Sequence[Mapping[str, Any]]) -> Instance:
-        columns = [
-            np.asarray(each).tolist() for each in (drawn.origin, drawn.destination, drawn.departure, drawn.future)
-        ]
-        each = zip(zip(*columns, strict=True), wishes, strict=True)
-        chosen = [self._walks.chosen(Chosen(*walk), asked) for walk, asked in each]
+        each = zip(rows_of(drawn), wishes, strict=True)
+        chosen = [self._walks.chosen(walk, asked) for walk, asked in each]
         origin, destination, departure, future = (np.array(column) for column in zip(*chosen, strict=True))
         whole = (jnp.asarray(column, jnp.int32) for column in (origin, destination, future))
         return Instance(next(whole), next(whole), jnp.asarray(departure, jnp.float32), next(whole))
