@@ -35,6 +35,10 @@ setup: .venv/ready-dev
 	$(UNCOMPILED) $(BIN)/python -m compileall -q src
 	@touch $@
 
+.venv/ready-serve: .venv/ready requirements-serve.txt
+	$(UV) pip install --quiet --python $(BIN)/python --require-hashes --compile-bytecode --requirements requirements-serve.txt
+	@touch $@
+
 .venv/ready-dev: .venv/ready requirements-dev.txt
 	$(UV) pip install --quiet --python $(BIN)/python --require-hashes --compile-bytecode --requirements requirements-dev.txt
 	@touch $@
@@ -78,7 +82,8 @@ test-lowest: setup
 
 lock:
 	$(COMPILE) --output-file requirements.txt
-	$(COMPILE) --extra dev --constraint requirements.txt --output-file requirements-dev.txt
+	$(COMPILE) --extra serve --constraint requirements.txt --output-file requirements-serve.txt
+	$(COMPILE) --extra dev --constraint requirements-serve.txt --output-file requirements-dev.txt
 
 reproduce: .venv/ready
 	$(BIN)/sidestep reproduce --maps 100 --out reproduction
