@@ -169,12 +169,29 @@ class SplitStreets:
         Float[np.ndarray, "point 2"]
             Longitudes and latitudes in degrees, in walking direction.
         """
-        begin, end = float(self.begin[segment]), float(self.end[segment])
-        course = self.town.course(int(self.street[segment]))
-        if abs(end - begin) == 1:
-            return course if begin < end else course[::-1]
-        piece = substring(shapely.LineString(self.town.project(course)), begin, end, normalized=True)
-        return self.town.projection.unproject(shapely.get_coordinates(piece))
+        return piece_of(self.town, int(self.street[segment]), float(self.begin[segment]), float(self.end[segment]))
+
+
+def piece_of(town: Town, street: int, begin: float, end: float) -> Float[np.ndarray, "point 2"]:
+    """Give the course of a part of a street.
+
+    Parameters
+    ----------
+    town, street
+        The street.
+    begin, end
+        Fractions of its length, from its tail, at which the part begins and ends.
+
+    Returns
+    -------
+    Float[np.ndarray, "point 2"]
+        Longitudes and latitudes in degrees, from ``begin`` to ``end``.
+    """
+    course = town.course(street)
+    if abs(end - begin) == 1:
+        return course if begin < end else course[::-1]
+    piece = substring(shapely.LineString(town.project(course)), begin, end, normalized=True)
+    return town.projection.unproject(shapely.get_coordinates(piece))
 
 
 class _Segments(NamedTuple):

@@ -109,6 +109,12 @@ class Step:
     crowding: str
     """A word for the density."""
 
+    bearing_before: float | None
+    """In which walkers come to where it begins, in degrees clockwise from north; None for the first."""
+
+    bearing_after: float
+    """In which it leads on from there."""
+
 
 def street_label(name: str | None, kind: str | None) -> str:
     """What people call a street: its name, or its kind; empty on grids."""
@@ -183,7 +189,7 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
     return begins % 360, ends % 360
 
 
-def directions(legs: Sequence[Leg]) -> list[Step]:
+def directions(legs: Sequence[Leg], headings: Sequence[tuple[float, float]]) -> list[Step]:
     """Turn by turn.
 
     Streets of one name are one line, with the few metres of another street that may lie between them, and so are a
@@ -191,8 +197,8 @@ def directions(legs: Sequence[Leg]) -> list[Step]:
 
     Parameters
     ----------
-    legs
-        Of a route in a town.
+    legs, headings
+        Of a route in a town; and in which bearings each of them begins and ends (:func:`bearings`).
 
     Returns
     -------
@@ -200,10 +206,8 @@ def directions(legs: Sequence[Leg]) -> list[Step]:
         The lines, in the order of the route.
     """
     groups: list[tuple[str, int, list[Leg]]] = []
-    ended = 0.0
-    for number, leg in enumerate(legs):
-        begins, ends = bearings(np.array(leg.coordinates))
-        turn = turn_word(ended, begins) if groups else f"head {compass_word(begins)}"
+    for number, (leg, (begins, _)) in enumerate(zip(legs, headings, strict=True)):
+        turn = turn_word(headings[number - 1][1], begins) if groups else f"head {compass_word(begins)}"
         if leg.opens is not None:
             groups.append((f"wait until {leg.opens}, then {turn}", number, [leg]))
         elif groups and _joins(legs[number - 1], leg, turn):
@@ -213,7 +217,6 @@ def directions(legs: Sequence[Leg]) -> list[Step]:
             groups[-1][2].extend([*between, leg])
         else:
             groups.append((turn, number, [leg]))
-        ended = ends
     return [
         Step(
             turn=turn,
@@ -223,6 +226,8 @@ def directions(legs: Sequence[Leg]) -> list[Step]:
             minutes=sum(leg.minutes for leg in joined),
             density=mean_density(joined),
             crowding=crowding_word(mean_density(joined)),
+            bearing_before=headings[number - 1][1] if number else None,
+            bearing_after=headings[number][0],
         )
         for turn, number, joined in groups
     ]

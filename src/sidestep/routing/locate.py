@@ -192,9 +192,9 @@ class TownLocator:
     def __init__(self, scenario: Scenario, scenario_map: ScenarioMap, venue: Venue) -> None:
         self._scenario, self._map, self._venue = scenario, scenario_map, venue
         self._streets = walked_streets(venue.streets, scenario.walker)
-        self._snapper, self._crossings = Snapper(self._streets.town), set(self._streets.crossings.tolist())
+        self.snapper, self._crossings = Snapper(self._streets.town), set(self._streets.crossings.tolist())
         self._sensors = len(set(scenario_map.sensors)) or None
-        self._paces = Paces(scenario_map)
+        self.paces = Paces(scenario_map)
 
     def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> LocatedInTown:
         departs = town_clock(self._venue, self._map.flow, given.depart, given.field)
@@ -229,7 +229,7 @@ class TownLocator:
             scenario=self._scenario.changed(departures=(0.0, window)),
             scenario_map=here,
             start=start,
-            paces=self._paces if given.live is None else None,
+            paces=self.paces if given.live is None else None,
             clock=before,
             latest=latest,
             streets=streets,
@@ -239,7 +239,7 @@ class TownLocator:
         self, asked: Sequence[AskedPlace], avoid: Area | None
     ) -> tuple[SplitStreets, tuple[NodeEnd, ...], dict[str, Any]]:
         """All places on streets that are split there, and facts of what is avoided."""
-        town, found = self._snapper.town, list(map(self._snapped, asked))
+        town, found = self.snapper.town, list(map(self._snapped, asked))
         streets = padded(split_streets(town, found), len(found))
         ends = tuple(map(self._end, streets.nodes, found, asked))
         if avoid is None:
@@ -259,9 +259,9 @@ class TownLocator:
     def _snapped(self, asked: AskedPlace) -> int | StreetPoint:
         """The crossing that is asked for, or the place on the nearest street."""
         with asked.at_fault():
-            place = _requested(asked, self._snapper.town.nodes)
+            place = _requested(asked, self.snapper.town.nodes)
             if not isinstance(place, int):
-                return self._snapper.nearest(*place)
+                return self.snapper.nearest(*place)
             if place not in self._crossings:
                 said = f"{self._scenario.walker.called} cannot get to {asked.called}, crossing {place}; choose another"
                 raise RouteError(said)
@@ -271,7 +271,7 @@ class TownLocator:
         if isinstance(found, StreetPoint) and isinstance(asked.place, tuple):
             latitude, longitude = asked.place
             return NodeEnd(node, f"{latitude:.5f},{longitude:.5f}", *found.place, found.distance, asked.label)
-        longitude, latitude = self._snapper.town.place[node].tolist()
+        longitude, latitude = self.snapper.town.place[node].tolist()
         return NodeEnd(node, f"crossing {node}", latitude, longitude, label=asked.label)
 
     def _with_counts(self, here: ScenarioMap, given: Circumstances, start: TownClock) -> tuple[ScenarioMap, int | None]:

@@ -17,7 +17,7 @@ from sidestep.planners.reactive import Snapshot
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.programs import on_device, program
 from sidestep.routing.clocks import Clock
-from sidestep.routing.directions import Leg, Step, directions
+from sidestep.routing.directions import Leg, Step, bearings, directions
 from sidestep.routing.facts import End, SceneFacts, StreetMap
 from sidestep.routing.paces import Paces
 from sidestep.routing.request import RouteError
@@ -272,13 +272,14 @@ class LocatedInTown(Located):
     def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
         """Name the streets of the legs, put turns into words, and show the densest crowd of each street."""
         town, street_of = self.streets.town, self.streets.street
-        named = []
+        named, headings = [], []
         for leg in legs:
             street, course = int(street_of[leg.segment]), np.round(self.streets.course(leg.segment), 7).tolist()
             named.append(
                 replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
             )
-        return named, directions(named), self.street_map(density)
+            headings.append(bearings(np.array(course)))
+        return named, directions(named, headings), self.street_map(density)
 
 
 @program()

@@ -1,6 +1,7 @@
 """Planning many routes through one place from one process."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,12 +14,14 @@ from sidestep.planners.time_dependent import Expected
 from sidestep.routing.crowds import StreetCrowds, street_crowds
 from sidestep.routing.departures import DepartureWindow, departure_window, latest_departure
 from sidestep.routing.isochrone import Isochrone, isochrone
-from sidestep.routing.locate import Circumstances, connected, locator
+from sidestep.routing.locate import Circumstances, TownLocator, connected, locator
 from sidestep.routing.located import Located
 from sidestep.routing.matrix import TimeMatrix, time_matrix
 from sidestep.routing.places import AskedPlace, Places, read_places
 from sidestep.routing.plan import RoutePlan
+from sidestep.routing.quick import QuickRouter
 from sidestep.routing.request import (
+    NO_COORDINATES,
     Area,
     Counts,
     Departure,
@@ -35,6 +38,7 @@ from sidestep.routing.request import (
     read_departure,
     read_place,
 )
+from sidestep.routing.street_times import Tables
 from sidestep.routing.walks import Walker, planned
 from sidestep.scenarios.maps import draw_map
 from sidestep.scenarios.model import Scenario
@@ -316,6 +320,20 @@ class Router:
         return street_crowds(
             self._locate.locate([], Circumstances(depart=read_departure(at, "at"), live=live, field="at"))
         )
+
+    @cached_property
+    def quick(self) -> QuickRouter:
+        """Searches hundreds of routes a second by expected times, without simulated futures; only in towns.
+
+        Raises
+        ------
+        RouteError
+            On grids, which have no coordinates (field ``format``).
+        """
+        locate = self._locate
+        if not isinstance(locate, TownLocator):
+            raise RouteError(NO_COORDINATES, field="format")
+        return QuickRouter(self._map, locate.snapper, Tables(self.scenario, self._map, locate.paces))
 
     def _between(self, origin: Place | None, destination: Place | None, given: Circumstances) -> Located:
         """Locate a walk from one place to another, which a path must connect."""
