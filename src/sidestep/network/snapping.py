@@ -12,6 +12,7 @@ import shapely
 from jaxtyping import Bool, Float, Float64, Int
 from shapely.ops import substring
 
+from sidestep.network.geodesy import Projection
 from sidestep.network.graph import ABSENT, SHUT, Areas, RoadNetwork
 from sidestep.network.town import Town, TownError
 
@@ -82,12 +83,37 @@ class Snapper:
                 field="place",
             )
         street = int(candidates.min())  # of streets that meet at the nearest crossing, always the same one
-        line = tree.geometries[street]
+        return self._on_street(street, here, float(distance))
+
+    def several(self, latitude: float, longitude: float, number: int, farthest: float = FARTHEST) -> list[StreetPoint]:
+        """Find the nearest points on several streets.
+
+        Parameters
+        ----------
+        latitude, longitude, farthest
+            As for :meth:`nearest`.
+        number
+            Of streets.
+
+        Returns
+        -------
+        list of StreetPoint
+            One for each street, the nearest first; fewer where there are not so many.
+        """
+        tree, here = self._index, shapely.Point(self.town.project(np.array([longitude, latitude])))
+        streets = np.sort(tree.query(here, "dwithin", farthest))
+        distance = shapely.distance(tree.geometries[streets], here)
+        order = np.argsort(distance, kind="stable")[:number]
+        return [self._on_street(int(streets[each]), here, float(distance[each])) for each in order]
+
+    def _on_street(self, street: int, here: shapely.Point, distance: float) -> StreetPoint:
+        """The point of a street that is nearest to a place in metres."""
+        line = self._index.geometries[street]
         along = shapely.line_locate_point(line, here)
         on_street = shapely.get_coordinates(shapely.line_interpolate_point(line, along))[0]
-        longitude, latitude = town.projection.unproject(on_street).tolist()
+        longitude, latitude = self.town.projection.unproject(on_street).tolist()
         fraction = float(along) / max(line.length, 1e-12)  # two crossings may be at the same place
-        return StreetPoint(street, fraction, float(distance), (latitude, longitude))
+        return StreetPoint(street, fraction, distance, (latitude, longitude))
 
     def is_swapped(self, latitude: float, longitude: float) -> bool:
         """Tell whether a place that is not in this town is, with latitude and longitude the other way round.
@@ -192,6 +218,33 @@ def piece_of(town: Town, street: int, begin: float, end: float) -> Float[np.ndar
         return course if begin < end else course[::-1]
     piece = substring(shapely.LineString(town.project(course)), begin, end, normalized=True)
     return town.projection.unproject(shapely.get_coordinates(piece))
+
+
+def simplified(points: Sequence[Sequence[float]], metres: float) -> list[list[float]]:
+    """Leave out points of a course that change it little.
+
+    Parameters
+    ----------
+    points
+        Longitudes and latitudes in degrees, two or more.
+    metres
+        By which the course may be off.
+
+    Returns
+    -------
+    list
+        Some of the points, the first and the last among them.
+    """
+    course = np.array(points, float)
+    line = shapely.LineString(Projection.of(course).project(course))
+    kept = shapely.get_coordinates(line.simplify(metres))
+    # Points that are kept stay as they are: the simplified line has them in their order.
+    at, found = 0, []
+    projected = shapely.get_coordinates(line)
+    for place in kept:
+        at += int(np.argmax((projected[at:] == place).all(axis=1)))
+        found.append(list(points[at]))
+    return found
 
 
 class _Segments(NamedTuple):

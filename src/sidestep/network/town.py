@@ -1,5 +1,6 @@
 """The streets of a real place as plain arrays: what the importer makes and what files hold."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int, Int16, Int32, Int64
 
-from sidestep.errors import SidestepError
+from sidestep.errors import SidestepError, hint
 from sidestep.network.checks import check_each, check_edges
 from sidestep.network.geodesy import Projection
 from sidestep.network.opening_hours import open_minutes
@@ -161,6 +162,30 @@ class Town:
         back = np.flatnonzero(~self.one_way)
         street = np.concatenate([np.arange(self.streets), back])
         return street, np.arange(len(street)) >= self.streets
+
+    def of_kinds(self, kinds: Sequence[str]) -> Bool[np.ndarray, " street"]:
+        """Say which streets are of one of some kinds.
+
+        Parameters
+        ----------
+        kinds
+            Values of OpenStreetMap's key ``highway``, as in ``kind``.
+
+        Returns
+        -------
+        Bool[np.ndarray, " street"]
+            Those that are.
+
+        Raises
+        ------
+        TownError
+            A kind of which there is no street (field ``kind``).
+        """
+        known = sorted(set(self.kind))
+        for kind in kinds:
+            if kind not in known:
+                raise TownError(f"no street here is of the kind {kind!r:.40}{hint(kind, known)}", field="kind")
+        return np.isin(self.kind, kinds)
 
     @property
     def never_open(self) -> Bool[np.ndarray, " street"]:

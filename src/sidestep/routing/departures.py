@@ -80,6 +80,11 @@ def _in_time(located: Located, walks: Walks, by: float = math.inf) -> Bool[np.nd
     return in_time(walks.minutes, walks.arrived, by, located.scenario.horizon / MINUTE)
 
 
+def _on_time(located: Located, walks: Walks, due: float) -> float:
+    """The share of walks that arrive by a clock in s."""
+    return float(_in_time(located, walks, (due - located.clock) / MINUTE).mean())
+
+
 def _too_late(located: Located, confidence: float, walks: Walks, earliest: float) -> str:
     """Say when a walk that sets out as early as it may arrives."""
     minutes = np.where(_in_time(located, walks), walks.minutes, math.inf)
@@ -112,6 +117,9 @@ class DepartureTimes(WalkTimes):
 
     arrives: bool
     """Whether that walk arrives."""
+
+    on_time: float | None
+    """Share of the futures in which the walk arrives by the deadline; None where there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,7 +195,9 @@ def _alike(one: Sequence[str], other: Sequence[str]) -> int:
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))
 
 
-def departure_window(located: Located, planner: Planner, step: float | None, futures: int | None) -> DepartureWindow:
+def departure_window(
+    located: Located, planner: Planner, step: float | None, futures: int | None, due: float | None = None
+) -> DepartureWindow:
     """Walk at every departure of a window.
 
     Parameters
@@ -200,6 +210,8 @@ def departure_window(located: Located, planner: Planner, step: float | None, fut
         Minutes between departures; by default a slot.
     futures
         How many to simulate.
+    due
+        Clock in s by which to arrive, if there is a deadline.
 
     Returns
     -------
@@ -235,6 +247,7 @@ def departure_window(located: Located, planner: Planner, step: float | None, fut
                 departure_minutes=turn * seconds / MINUTE,
                 expected_minutes=route.seconds / MINUTE,
                 arrives=route.arrived,
+                on_time=None if due is None else _on_time(departing.located, walks, due),
             )
         )
     origin, destination = located.named_ends

@@ -46,6 +46,9 @@ class Circumstances:
     avoid: Area | None = None
     """Polygons whose streets are not walked."""
 
+    exclude: tuple[str, ...] = ()
+    """Kinds of streets that are not walked."""
+
     field: str = "depart"
     """The parameter that ``depart`` is of."""
 
@@ -155,6 +158,8 @@ class GridLocator:
             raise RouteError("a grid has no sensors; leave out the live counts", field="live")
         if given.avoid is not None:
             raise RouteError(NO_COORDINATES, field="avoid")
+        if given.exclude:
+            raise RouteError("streets of grids are of no kind; leave out exclude", field="exclude")
         facts = SceneFacts(
             scenario=scenario.name,
             objective=scenario.objective.to_json(),
@@ -202,7 +207,7 @@ class TownLocator:
         start = departs.earlier(before)
         latest = before + (given.window if given.until is None else departs.clock(given.until, "until"))
         check_known(self._venue, self._map.flow, start.earlier(-latest), "until")
-        streets, ends, avoided = self._on_streets(asked, given.avoid)
+        streets, ends, avoided = self._on_streets(asked, given)
         here, counted = self._with_counts(self._map.on_pieces(streets), given, start)
         facts = SceneFacts(
             scenario=self._scenario.name,
@@ -236,12 +241,16 @@ class TownLocator:
         )
 
     def _on_streets(
-        self, asked: Sequence[AskedPlace], avoid: Area | None
+        self, asked: Sequence[AskedPlace], given: Circumstances
     ) -> tuple[SplitStreets, tuple[NodeEnd, ...], dict[str, Any]]:
         """All places on streets that are split there, and facts of what is avoided."""
         town, found = self.snapper.town, list(map(self._snapped, asked))
         streets = padded(split_streets(town, found), len(found))
-        ends = tuple(map(self._end, streets.nodes, found, asked))
+        ends, avoid = tuple(map(self._end, streets.nodes, found, asked)), given.avoid
+        if given.exclude:
+            with at_fault("exclude"):
+                closed = town.of_kinds(given.exclude)[streets.street]
+            streets = replace(streets, network=streets.network.without(closed))
         if avoid is None:
             return streets, ends, {}
         with at_fault("avoid"):

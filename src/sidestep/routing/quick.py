@@ -1,8 +1,8 @@
 """Routes by expected times, a millisecond each: what is asked of a server a hundred times a second.
 
 The same routes as :class:`~sidestep.planners.time_dependent.Expected` plans, without simulated futures. That planner's
-search is compiled, for many walks side by side; this one is for a single walk at a time and looks only at the few streets
-that may be on its path.
+search is compiled, for many walks side by side; this one is for a single walk at a time and looks only at the few
+streets that may be on its path. Who walks a part of a street takes that share of the time that the whole one takes.
 """
 
 import math
@@ -11,17 +11,20 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 
 import numpy as np
+from jaxtyping import Float
 
 from sidestep.network.graph import ABSENT, SHUT
 from sidestep.network.snapping import SAME_NODE, Snapper, StreetPoint, piece_of
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import Leg, Step, bearings, directions
-from sidestep.routing.request import RouteError
+from sidestep.routing.request import RouteError, at_fault
 from sidestep.routing.street_times import StreetTimes, Tables
 from sidestep.scenarios.maps import ScenarioMap
 
 GOAL = -1
-"""Stands for the place in the middle of a street where a walk ends."""
+"""Stands for the first place in the middle of a street where walks end; numbers below it are the others."""
+MOST_EXITS = 64
+"""Sets of streets that may be walked, of which each is kept: one for each restricted area, and kind to exclude."""
 
 End = int | StreetPoint
 """A crossing, or a place on a street."""
@@ -54,19 +57,12 @@ class QuickRoute:
 
     departs: TownClock
     """The departure."""
-    table: StreetTimes
-    pieces: Sequence[Piece]
     legs: Sequence[Leg]
     """The segments in their order; none where both places are the same."""
     bearings: Sequence[Bearings]
     """Of each leg."""
     seconds: float
     """Expected travel time."""
-
-    @property
-    def steps(self) -> list[Step]:
-        """Turn by turn."""
-        return directions(self.legs, self.bearings)
 
 
 class QuickRouter:
@@ -92,7 +88,7 @@ class QuickRouter:
         self._owner = network.owners().tolist()
         self._enters = None if network.enters is None else np.asarray(network.enters).tolist()
         self._area = None if network.area is None else np.asarray(network.area).tolist()
-        self._exits_to: dict[int, Exits] = {}
+        self._exits_to: dict[tuple[int, frozenset[str]], Exits] = {}
         segments, heads = np.asarray(network.exit_segment).tolist(), np.asarray(network.exit_node).tolist()
         self._exits = [
             [(segment, node) for segment, node in zip(*row, strict=True) if node != ABSENT]
@@ -105,7 +101,7 @@ class QuickRouter:
         self._courses: dict[int, list[list[float]]] = {}
         self._bearings: dict[int, Bearings] = {}
 
-    def route(self, origin: End, destination: End, departs: TownClock) -> QuickRoute:
+    def route(self, origin: End, destination: End, departs: TownClock, exclude: Sequence[str] = ()) -> QuickRoute:
         """Find the route of least expected time.
 
         Parameters
@@ -114,6 +110,8 @@ class QuickRouter:
             Crossings, or places on streets.
         departs
             When the walk begins: clock 0 is the departure.
+        exclude
+            Kinds of streets that are not walked, such as ``steps``.
 
         Returns
         -------
@@ -123,13 +121,58 @@ class QuickRouter:
         Raises
         ------
         RouteError
-            No path leads from one to the other (field ``destination``).
+            No path leads from one to the other (field ``destination``); no street is of a kind (``exclude``).
         """
         table, clock = self.tables.at(departs)
-        pieces = self._search(table, self._at_crossing(origin), self._at_crossing(destination), clock)
+        closed = frozenset(exclude)
+        (pieces,) = self._search(table, self._at_crossing(origin), [self._at_crossing(destination)], clock, closed)
+        if pieces is None:
+            said = "no path leads from the origin to the destination; streets may be one-way or unconnected"
+            raise RouteError(said, field="destination")
         legs = [self._leg(table, piece) for piece in pieces]
         seconds = pieces[-1].leaves - clock if pieces else 0.0
-        return QuickRoute(departs, table, pieces, legs, [self._bearing(piece) for piece in pieces], seconds)
+        return QuickRoute(departs, legs, [self._bearing(piece) for piece in pieces], seconds)
+
+    @staticmethod
+    def steps(legs: Sequence[Leg], headings: Sequence[Bearings]) -> list[Step]:
+        """Turn by turn, for the legs of one route or of several that follow each other."""
+        return directions(legs, headings)
+
+    def matrix(
+        self, origins: Sequence[End], destinations: Sequence[End], departs: TownClock, exclude: Sequence[str] = ()
+    ) -> Float[np.ndarray, "2 origin destination"]:
+        """Find the times and lengths of the walks from many places to many others.
+
+        Parameters
+        ----------
+        origins, destinations, departs, exclude
+            As for :meth:`route`.
+
+        Returns
+        -------
+        Float[np.ndarray, "2 origin destination"]
+            Expected seconds, and metres; infinite where no path leads.
+        """
+        (table, clock), closed = self.tables.at(departs), frozenset(exclude)
+        ends = [self._at_crossing(each) for each in destinations]
+        areas = np.array([self._area_of(each) for each in ends])
+        found = np.full((2, len(origins), len(ends)), np.inf)
+        for row, origin in enumerate(map(self._at_crossing, origins)):
+            for area in np.unique(areas):
+                columns = np.flatnonzero(areas == area).tolist()
+                walks = self._search(table, origin, [ends[column] for column in columns], clock, closed)
+                for column, pieces in zip(columns, walks, strict=True):
+                    if pieces is not None:
+                        metres = sum(self._length[piece.segment] * (piece.end - piece.begin) for piece in pieces)
+                        found[:, row, column] = pieces[-1].leaves - clock if pieces else 0.0, metres
+        return found
+
+    def crowds(self, at: TownClock) -> Float[np.ndarray, " street"]:
+        """Expected persons/m² on every street at a time, of both directions the larger."""
+        table, clock = self.tables.at(at)
+        densest = np.zeros(self.snapper.town.streets, np.float32)
+        np.maximum.at(densest, self._street, table.densities(clock))
+        return densest
 
     def _at_crossing(self, end: End) -> End:
         """The crossing itself for places within ``SAME_NODE`` of it."""
@@ -148,33 +191,68 @@ class QuickRouter:
             for segment in self._segments_of.get(point.street, ())
         ]
 
-    def _open_exits(self, end: End) -> Exits:
-        """The exits of every node for walks that end somewhere: restricted areas are entered only to end there."""
-        if self._enters is None or self._area is None:
-            return self._exits
+    def _area_of(self, end: End) -> int:
+        """The restricted area that an end is in; negative where it is in none."""
+        if self._area is None:
+            return ABSENT
         if isinstance(end, int):
-            area = self._area[end]
-        else:
-            area = max((self._owner[segment] for segment, _ in self._shares(end)), default=ABSENT)
-        if area not in self._exits_to:
-            allowed = {ABSENT, area} if area >= 0 else {ABSENT}
-            enters = self._enters
-            self._exits_to[area] = [[each for each in row if enters[each[0]] in allowed] for row in self._exits]
-        return self._exits_to[area]
+            return self._area[end]
+        return max((self._owner[segment] for segment, _ in self._shares(end)), default=ABSENT)
 
-    def _search(self, table: StreetTimes, origin: End, destination: End, clock: float) -> list[Piece]:
-        """Search for the earliest arrival, guided by the least times to the destination (A*)."""
-        if origin == destination:
-            return []
-        exits, step, rows = self._open_exits(destination), table.step_seconds, table.rows
-        last, entries, bounds = len(rows) - 1, self._entries(destination, exits), []
-        goal = destination if isinstance(destination, int) else GOAL
-        if goal == GOAL:
-            for node, streets in entries.items():
-                least = min(share * float(table.least[segment]) for segment, share in streets)
-                bounds.append((table.potential(node), least))
+    def _open_exits(self, area: int, closed: frozenset[str]) -> Exits:
+        """The exits of every node for walks that end in an area: restricted areas are entered only to end there."""
+        key = max(area, ABSENT), closed
+        found = self._exits_to.get(key)
+        if found is None:
+            with at_fault("exclude"):
+                shut = self.snapper.town.of_kinds(sorted(closed)).tolist()
+            street, enters, allowed = self._street, self._enters, {ABSENT, area} if area >= 0 else {ABSENT}
+
+            def goes(segment: int) -> bool:
+                return (enters is None or enters[segment] in allowed) and not shut[street[segment]]
+
+            found = [[each for each in row if goes(each[0])] for row in self._exits]
+            if len(self._exits_to) >= MOST_EXITS:
+                self._exits_to.clear()
+            self._exits_to[key] = found
+        return found
+
+    def _search(  # noqa: C901, PLR0912 - one loop, the innermost of all
+        self, table: StreetTimes, origin: End, destinations: Sequence[End], clock: float, closed: frozenset[str]
+    ) -> list[list[Piece] | None]:
+        """Search for the earliest arrivals (Dijkstra); at a single place guided by the least times to it (A*).
+
+        Parameters
+        ----------
+        table, clock
+            Expected times, and the departure in s since their clock 0.
+        origin, destinations
+            Both ends; all destinations are in the same restricted area, or in none.
+        closed
+            Kinds of streets that are not walked.
+
+        Returns
+        -------
+        list
+            The pieces of each walk; None where no path leads.
+        """
+        exits, step, rows = self._open_exits(self._area_of(destinations[0]), closed), table.step_seconds, table.rows
+        last, bounds = len(rows) - 1, []
+        entries: dict[int, list[tuple[int, float, int]]] = {}  # by crossing: segments, shares of them, and the goal
+        goals = [each if isinstance(each, int) else GOAL - number for number, each in enumerate(destinations)]
+        for goal, destination in zip(goals, destinations, strict=True):
+            for segment, share in () if isinstance(destination, int) else self._shares(destination):
+                tail = self._tail[segment]
+                if any(segment == onto for onto, _ in exits[tail]):
+                    entries.setdefault(tail, []).append((segment, share, goal))
+                    bounds.append((tail, share * float(table.least[segment])))
+            if isinstance(destination, int):
+                bounds.append((destination, 0.0))
+        if len(destinations) > 1 or not bounds:
+            potentials = [([0.0] * len(exits), 0.0)]
         else:
-            bounds.append((table.potential(goal), 0.0))
+            potentials = [(table.potential(node), further) for node, further in bounds]
+        (ahead, beyond), *others = potentials
         arrival: dict[int, float] = {}
         via: dict[int, Piece | int] = {}
         heap: list[tuple[float, float, int]] = []
@@ -182,29 +260,31 @@ class QuickRouter:
         def come(node: int, piece: Piece) -> None:
             if piece.leaves < arrival.get(node, math.inf):
                 arrival[node], via[node] = piece.leaves, piece
-                least = 0.0 if node == goal else min(ahead[node] + further for ahead, further in bounds)
+                least = 0.0 if node < 0 else min(bound[node] + further for bound, further in potentials)
                 heappush(heap, (piece.leaves + least, piece.leaves, node))
 
         if isinstance(origin, int):
             arrival[origin] = clock
             heappush(heap, (clock, clock, origin))
         else:
-            until = {} if isinstance(destination, int) else dict(self._shares(destination))
             for segment, share in self._shares(origin):
-                if self._owner[segment] == SHUT:
+                if self._owner[segment] == SHUT or self.snapper.town.kind[origin.street] in closed:
                     continue
                 come(self._head[segment], self._piece(table, segment, share, 1.0, clock))
-                if until.get(segment, 0.0) > share:
-                    come(goal, self._piece(table, segment, share, until[segment], clock))
-        (ahead, beyond), *others = bounds or [(memoryview(b""), 0.0)]
+                for goal, destination in zip(goals, destinations, strict=True):
+                    until = 0.0 if isinstance(destination, int) else dict(self._shares(destination)).get(segment, 0.0)
+                    if until > share:
+                        come(goal, self._piece(table, segment, share, until, clock))
         done: set[int] = set()
-        while heap:
+        missing = {goal for goal, each in zip(goals, destinations, strict=True) if each != origin}
+        while heap and missing:
             _, at, node = heappop(heap)
             if node in done:
                 continue
-            if node == goal:
-                return self._traced(table, via, origin, goal, clock)
             done.add(node)
+            missing.discard(node)
+            if node < 0:
+                continue
             position = at / step
             number = min(int(position), last)
             row, after, part = rows[number], rows[min(number + 1, last)], position - number
@@ -217,20 +297,12 @@ class QuickRouter:
                     for other, further in others:
                         least = min(least, other[head] + further)
                     heappush(heap, (there + least, there, head))
-            for segment, share in entries.get(node, ()):
-                come(GOAL, self._piece(table, segment, 0.0, share, at))
-        said = "no path leads from the origin to the destination; streets may be one-way or unconnected"
-        raise RouteError(said, field="destination")
-
-    def _entries(self, destination: End, exits: Exits) -> dict[int, list[tuple[int, float]]]:
-        """Crossings from which a place in the middle of a street is reached, each with segments and shares of them."""
-        found: dict[int, list[tuple[int, float]]] = {}
-        if isinstance(destination, StreetPoint):
-            for segment, share in self._shares(destination):
-                tail = self._tail[segment]
-                if any(segment == onto for onto, _ in exits[tail]):
-                    found.setdefault(tail, []).append((segment, share))
-        return found
+            for segment, share, goal in entries.get(node, ()):
+                come(goal, self._piece(table, segment, 0.0, share, at))
+        return [
+            [] if each == origin else None if goal in missing else self._traced(table, via, origin, goal, clock)
+            for goal, each in zip(goals, destinations, strict=True)
+        ]
 
     def _piece(self, table: StreetTimes, segment: int, begin: float, end: float, clock: float) -> Piece:
         """A segment, or a part of it, come to at a clock."""

@@ -137,6 +137,9 @@ class RouteRequest:
     confidence: float | None = None
     """The least share of the futures in which the walk arrives by then; by default ``CONFIDENCE``."""
 
+    exclude: tuple[str, ...] = ()
+    """Kinds of streets that are not walked, such as ``steps``; only in towns."""
+
     def __post_init__(self) -> None:
         for field in ("origin", "destination"):
             read_place(field, getattr(self, field))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sidestep.arguments import INDEX, PATH, SEED, checked, instance
+from sidestep.crowds.base import FlowModel
 from sidestep.planners.base import Planner
 from sidestep.planners.registry import BASELINE, find_planner
 from sidestep.planners.shortest_path import ShortestPath
@@ -162,10 +163,18 @@ class Router:
         """
         check_request(request)
         if request.arrive_by is None:
-            given = Circumstances(depart=request.depart, live=request.live, avoid=request.avoid)
+            given = Circumstances(
+                depart=request.depart, live=request.live, avoid=request.avoid, exclude=request.exclude
+            )
             located = self._between(request.origin, request.destination, given)
             return planned(Walker(located, self._planner(request.planner, located), request.futures), request)
-        given = Circumstances(depart=request.arrive_by, avoid=request.avoid, field="arrive_by", lookback=True)
+        given = Circumstances(
+            depart=request.arrive_by,
+            avoid=request.avoid,
+            exclude=request.exclude,
+            field="arrive_by",
+            lookback=True,
+        )
         located = self._between(request.origin, request.destination, given)
         earliest = 0.0 if request.depart is None else located.start.earliest(request.depart, located.clock)
         return latest_departure(located, self._planner(request.planner, located), request, earliest)
@@ -182,6 +191,7 @@ class Router:
         futures: int | None = None,
         live: Counts | None = None,
         avoid: Area | None = None,
+        arrive_by: Departure | str | None = None,
     ) -> DepartureWindow:
         """Find out when it is best to set out.
 
@@ -194,6 +204,8 @@ class Router:
             start, and lasts two hours.
         step
             Minutes between two departures; by default one slot of the scenario, usually 5.
+        arrive_by
+            When to be there: each departure then says how likely it arrives by then.
 
         Returns
         -------
@@ -214,7 +226,9 @@ class Router:
             depart=read_departure(depart), live=live, avoid=avoid, until=read_departure(until, "until"), window=WINDOW
         )
         located = self._between(read_place("origin", origin), read_place("destination", destination), given)
-        return departure_window(located, self._planner(planner, located), step, futures)
+        deadline = read_departure(arrive_by, "arrive_by")
+        due = None if deadline is None else located.start.clock(deadline, "arrive_by")
+        return departure_window(located, self._planner(planner, located), step, futures, due)
 
     def isochrone(
         self,
@@ -320,6 +334,16 @@ class Router:
         return street_crowds(
             self._locate.locate([], Circumstances(depart=read_departure(at, "at"), live=live, field="at"))
         )
+
+    @property
+    def flow(self) -> FlowModel:
+        """The crowds."""
+        return self._map.flow
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensor behind each counter of the flow, where crowds are known from sensors."""
+        return self._map.sensors
 
     @cached_property
     def quick(self) -> QuickRouter:

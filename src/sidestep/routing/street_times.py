@@ -132,10 +132,13 @@ class StreetTimes:
         before, after = float(table[step, segment]), float(table[min(step + 1, last), segment])
         return before + (position - step) * (after - before)
 
+    def densities(self, clock: float) -> Float[np.ndarray, " segment"]:
+        """Expected persons/m² on all segments at a clock in s."""
+        return self.density[:, min(int(clock // self.slot_seconds), self.density.shape[1] - 1)]
+
     def density_at(self, segment: int, clock: float) -> float:
         """Expected persons/m² on a segment at a clock in s."""
-        slot = min(int(clock // self.slot_seconds), self.density.shape[1] - 1)
-        return float(self.density[segment, slot])
+        return float(self.densities(clock)[segment])
 
 
 @program()

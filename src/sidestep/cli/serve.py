@@ -1,0 +1,80 @@
+"""The command ``serve``."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from sidestep.cli import options
+from sidestep.errors import SidestepError
+
+_Logs = Literal["text", "json"]
+
+
+def serve(
+    scenario: Annotated[
+        str, Parameter(help="Name of a scenario with real streets (see sidestep scenarios), or a scenario file.")
+    ] = "helsinki",
+    /,
+    *,
+    model: Annotated[Path | None, Parameter(help="Folder of a trained model, for the planner darp.")] = None,
+    host: str = "127.0.0.1",
+    port: options.Whole = 8000,
+    store: str | None = None,
+    api_key_file: Path | None = None,
+    cors: Annotated[list[str] | None, Parameter(negative=())] = None,
+    name: Annotated[list[str] | None, Parameter(negative=())] = None,
+    rate: float = 1000.0,
+    workers: options.Whole = 1,
+    logs: _Logs = "text",
+) -> None:
+    """Serve routes, crowds and a map over HTTP until Ctrl-C or SIGTERM.
+
+    Parameters
+    ----------
+    host
+        Address to listen on; others than this machine's own take counts only with an API key.
+    port
+        Port to listen on; 0 for any that is free.
+    store
+        Where counts and walks are kept: a file, or a URL such as postgresql://user@host/name; by default a file of yours.
+    api_key_file
+        File with the API key that writes need; by default the key is in the environment, as SIDESTEP_API_KEY.
+    cors
+        Origin whose pages may ask, such as https://example.org. Repeatable.
+    name
+        Name by which browsers reach this server, besides localhost and addresses. Repeatable.
+    rate
+        Most requests a second of one address.
+    workers
+        Processes that answer; they share counts and walks through the store.
+    logs
+        How requests are logged.
+    """
+    options.check_least(workers=workers)
+    if not 0 <= port <= 65535:
+        raise SidestepError(f"--port must be 0 to 65535, not {port}", field="port")
+    if not rate > 0:
+        raise SidestepError(f"--rate must be a positive number, not {rate}", field="rate")
+    options.start_jax()
+    try:
+        from sidestep.server.run import run
+        from sidestep.server.settings import Settings
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("sidestep"):
+            raise
+        said = f"the server needs {error.name}, which is not installed"
+        raise SidestepError(f"{said}: pip install 'sidestep[serve]'", field="serve") from error
+    settings = Settings(
+        scenario=scenario,
+        model=None if model is None else str(model),
+        host=host,
+        store=store,
+        key_file=None if api_key_file is None else str(api_key_file),
+        origins=tuple(cors or ()),
+        hosts=tuple(name or ()),
+        requests_per_second=rate,
+        workers=workers,
+    )
+    run(settings, port, as_json=logs == "json", said=lambda line: print(line, file=sys.stderr, flush=True))

@@ -1,0 +1,1 @@
+"""The HTTP API and the map page: asks what the packages below answer, and decides nothing itself."""

@@ -1,0 +1,249 @@
+"""The town that is served: routers, the clock, and the crowds as they are known now."""
+
+import hashlib
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+from zoneinfo import ZoneInfo
+
+import anyio
+import anyio.to_thread
+import numpy as np
+from pydantic_core import to_json
+
+from sidestep import __version__
+from sidestep.crowds.profile import time_of_week
+from sidestep.errors import SidestepError
+from sidestep.network.names import StreetNames
+from sidestep.planners.registry import planner_infos
+from sidestep.routing.clocks import TownClock, town_clock
+from sidestep.routing.directions import CROWDING
+from sidestep.routing.formats import feature
+from sidestep.routing.request import Departure, at_fault, read_departure
+from sidestep.routing.router import Router
+from sidestep.scenarios.model import Scenario, read_objective
+from sidestep.scenarios.places import Venue
+from sidestep.scenarios.reader import find_scenario
+from sidestep.scenarios.walkers import WALKERS, read_walkers
+from sidestep.server.osrm import Hinter
+from sidestep.server.problems import Problem
+from sidestep.server.settings import Settings
+
+T = TypeVar("T")
+MOST_VARIANTS = 4
+"""Routers for other walkers and objectives that are kept."""
+AT_ONCE = 2
+"""Questions that take long, answered side by side."""
+MOST_WAITING = 32
+"""Such questions that wait; more are refused."""
+
+
+def venue_of(scenario: Scenario) -> Venue:
+    """The place of a scenario; SidestepError (field ``scenario``) where it has no coordinates."""
+    if isinstance(scenario.place, Venue):
+        return scenario.place
+    said = f"{scenario.name} is a grid without coordinates; serve a scenario with real streets, such as helsinki"
+    raise SidestepError(said, field="scenario")
+
+
+class ServedTown:
+    """What the server knows of its town.
+
+    Parameters
+    ----------
+    settings
+        Of the server.
+
+    Raises
+    ------
+    SidestepError
+        A scenario or model that is not there, or without coordinates (field ``scenario``).
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.scenario = find_scenario(settings.scenario)
+        self.venue = venue_of(self.scenario)
+        self.router = Router(self.scenario, model=None if settings.model is None else Path(settings.model))
+        self.has_model = settings.model is not None
+        self.quick = self.router.quick
+        self.town = self.quick.snapper.town
+        self.hinter, self.names = Hinter(self.town), StreetNames(self.town)
+        self.zone = None if self.venue.timezone is None else ZoneInfo(self.venue.timezone)
+        self._variants: OrderedDict[tuple[str | None, str | None], Router] = OrderedDict()
+        self._lock = threading.Lock()
+        self._clock: tuple[datetime, datetime, float] | None = None
+        self._limiter = anyio.CapacityLimiter(AT_ONCE)
+        self._waiting = 0
+
+    def warm(self) -> None:
+        """Answer a question of each common kind, so that the first one of a client finds programs compiled."""
+        self.quick.crowds(self.departs(None))
+        crossing = self.town.place[[0, self.town.nodes - 1]]
+        ends = [self.quick.snapper.nearest(*place[::-1].tolist()) for place in crossing]
+        self.quick.matrix(ends[:1], ends[1:], self.departs(None))
+
+    def routers(self, walker: str | None, objective: str | None) -> Router:
+        """The router for a walker and an objective, as people write them; by default the scenario's own.
+
+        Raises
+        ------
+        SidestepError
+            Words that name none (field ``walker`` or ``objective``).
+        """
+        if walker is None and objective is None:
+            return self.router
+        key = walker, objective
+        with self._lock:
+            found = self._variants.get(key)
+            if found is None:
+                found = Router(self._changed(walker, objective))
+            self._variants[key] = found
+            self._variants.move_to_end(key)
+            if len(self._variants) > MOST_VARIANTS:
+                self._variants.popitem(last=False)
+        return found
+
+    def _changed(self, walker: str | None, objective: str | None) -> Scenario:
+        changes: dict[str, Any] = {}
+        if walker is not None:
+            with at_fault("walker"):
+                walkers = read_walkers(walker, self.scenario.walker)
+            if len(walkers) != 1:
+                raise Problem(400, "one walker walks at a time", field="walker")
+            changes["walker"] = walkers[0]
+        if objective is not None:
+            with at_fault("objective"):
+                changes["objective"] = read_objective(objective)
+        return self.scenario.changed(**changes)
+
+    def now(self) -> datetime:
+        """Local time, by the clock of the town or the one that a replay has set."""
+        real = datetime.now(self.zone)
+        if self._clock is None:
+            return real
+        simulated, since, speed = self._clock
+        return simulated + (real - since) * speed
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a replay has set the clock."""
+        return self._clock is not None
+
+    def departs(self, given: str | None, field: str = "depart_at", router: Router | None = None) -> TownClock:
+        """Read a local time.
+
+        Parameters
+        ----------
+        given
+            As people write it; None: now.
+        field
+            The parameter.
+        router
+            Whose crowds it is for.
+
+        Returns
+        -------
+        TownClock
+            Clock 0 is that time.
+
+        Raises
+        ------
+        SidestepError
+            What is no local time, and times of which crowds know nothing (with the field).
+        """
+        flow = (router or self.router).flow
+        with at_fault(field):
+            if given is None:
+                return town_clock(self.venue, flow, self.now() if flow.timed else None)
+            return town_clock(self.venue, flow, read_departure(given))
+
+    def asked(self, field: str, given: str | None) -> Departure | None:
+        """Read a local time for a router, which takes None where crowds know no times.
+
+        Raises
+        ------
+        SidestepError
+            What is no local time (with the field).
+        """
+        if given is None:
+            # Minute by minute, what is expected is kept.
+            return self.now().replace(second=0, microsecond=0) if self.router.flow.timed else None
+        with at_fault(field):
+            return read_departure(given)
+
+    @cached_property
+    def streets(self) -> dict[str, Any]:
+        """All streets as a GeoJSON feature collection."""
+        town = self.town
+        columns = zip(town.name, town.kind, town.length.tolist(), strict=True)
+        features = [
+            feature(
+                "LineString",
+                np.round(town.course(street), 6).tolist(),
+                street=street,
+                name=name,
+                kind=kind,
+                metres=round(metres, 1),
+            )
+            for street, (name, kind, metres) in enumerate(columns)
+        ]
+        return {"type": "FeatureCollection", "attribution": town.attribution, "features": features}
+
+    @cached_property
+    def streets_json(self) -> tuple[bytes, str]:
+        """The same as text, and its entity tag."""
+        text = to_json(self.streets)
+        return text, f'"{hashlib.sha256(text).hexdigest()[:16]}"'
+
+    @cached_property
+    def facts(self) -> dict[str, Any]:
+        """What is served, whose it is, and what may be asked."""
+        town, scenario = self.town, self.scenario
+        (west, south), (east, north) = town.place.min(axis=0).tolist(), town.place.max(axis=0).tolist()
+        planners = [name for name, info in planner_infos().items() if info.level != "hindsight"]
+        return {
+            "scenario": scenario.name,
+            "summary": scenario.summary,
+            "bounds": [west, south, east, north],
+            "attribution": town.attribution,
+            "crowds": self.venue.attribution,
+            "synthetic": self.venue.synthetic,
+            "timezone": self.venue.timezone,
+            "planners": planners + ["darp"] * self.has_model,
+            "walkers": list(WALKERS),
+            "objectives": ["time", "distance", "exposure"],
+            "crowding": [{"word": word, "limit": limit if math.isfinite(limit) else None} for limit, word in CROWDING],
+            "horizon_minutes": scenario.horizon / 60,
+            "sensors": len(set(self.router.sensors)),
+            "streets": town.streets,
+            "version": __version__,
+        }
+
+    @property
+    def clock_facts(self) -> dict[str, Any]:
+        """The local time by which the server goes."""
+        now = self.now()
+        speed = 1.0 if self._clock is None else self._clock[2]
+        said = {"now": now.isoformat(timespec="seconds"), "speed": speed, "simulated": self.simulated}
+        return {**said, "hour_of_week": round(time_of_week(now), 4)}
+
+    async def heavily(self, answer: Callable[[], T]) -> T:
+        """Answer a question that takes long in a thread, a few at a time.
+
+        Raises
+        ------
+        Problem
+            503 where too many wait already.
+        """
+        if self._waiting >= MOST_WAITING:
+            raise Problem(503, "too many such questions at once; ask again in a moment", headers={"retry-after": "2"})
+        self._waiting += 1
+        try:
+            return await anyio.to_thread.run_sync(answer, limiter=self._limiter)
+        finally:
+            self._waiting -= 1
