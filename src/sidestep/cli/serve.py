@@ -38,7 +38,7 @@ def serve(
     port
         Port to listen on; 0 for any that is free.
     store
-        Where counts and walks are kept: a file, or a URL such as postgresql://user@host/name; by default a file of yours.
+        Where counts and walks are kept: a file, or a URL such as postgresql://user@host/name; by default your own file.
     api_key_file
         File with the API key that writes need; by default the key is in the environment, as SIDESTEP_API_KEY.
     cors
@@ -51,6 +51,13 @@ def serve(
         Processes that answer; they share counts and walks through the store.
     logs
         How requests are logged.
+
+    Raises
+    ------
+    SidestepError
+        Options that no server can have, with the option as its field; packages that are not installed.
+    ModuleNotFoundError
+        Never of packages that may be missing.
     """
     options.check_least(workers=workers)
     if not 0 <= port <= 65535:

@@ -18,7 +18,7 @@ from sidestep.network.snapping import SAME_NODE, Snapper, StreetPoint, piece_of
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import Leg, Step, bearings, directions
 from sidestep.routing.request import RouteError, at_fault
-from sidestep.routing.street_times import StreetTimes, Tables
+from sidestep.routing.street_times import Row, StreetTimes, Tables
 from sidestep.scenarios.maps import ScenarioMap
 
 GOAL = -1
@@ -248,6 +248,7 @@ class QuickRouter:
                     bounds.append((tail, share * float(table.least[segment])))
             if isinstance(destination, int):
                 bounds.append((destination, 0.0))
+        potentials: list[tuple[Row, float]]
         if len(destinations) > 1 or not bounds:
             potentials = [([0.0] * len(exits), 0.0)]
         else:

@@ -5,6 +5,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +34,7 @@ KEPT = 2**28
 POTENTIALS = 2**22
 """Bytes of potentials that each table keeps."""
 
-Row = memoryview
+Row: TypeAlias = "memoryview[float] | list[float]"
 """One number for each segment, single precision; read one by one, they are plain numbers sooner than NumPy's."""
 
 
@@ -65,7 +66,7 @@ class StreetTimes:
     @cached_property
     def rows(self) -> list[Row]:
         """Seconds by step."""
-        return list(map(memoryview, self.seconds))
+        return [memoryview(row.data) for row in self.seconds]
 
     @cached_property
     def least(self) -> Float[np.ndarray, " segment"]:
@@ -104,10 +105,10 @@ class StreetTimes:
                 return self._potentials[node]
         from scipy.sparse.csgraph import dijkstra
 
-        found = memoryview(np.ascontiguousarray(dijkstra(self._backwards, indices=node)))
+        found: Row = np.ascontiguousarray(dijkstra(self._backwards, indices=node)).data  # type: ignore[assignment]
         with self._lock:
             self._potentials[node] = found
-            while len(self._potentials) * found.nbytes > POTENTIALS:
+            while len(self._potentials) * 8 * self.network.nodes > POTENTIALS:
                 self._potentials.popitem(last=False)
         return found
 

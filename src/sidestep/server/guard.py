@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from prometheus_client import Counter, Histogram
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sidestep.server.problems import Problem, refused
+from sidestep.server.problems import ProblemError, refused
 from sidestep.server.settings import LOOPBACK, Settings
 
 LARGEST_BODY = 2**20
@@ -79,7 +79,7 @@ class Guard:
             self._check(scope)
             body = receive if method in READS else Body(scope, receive).receive
             await self._app(scope, body, sending)
-        except Problem as problem:
+        except ProblemError as problem:
             if not status:
                 await refused(scope["path"], problem)(scope, receive, sending)
         finally:
@@ -93,19 +93,19 @@ class Guard:
         """Refuse too many requests, and writes from other origins."""
         client = scope.get("client")
         if not self._rate.allows(client[0] if client else ""):
-            raise Problem(429, "too many requests from this address; send fewer", headers={"retry-after": "1"})
+            raise ProblemError(429, "too many requests from this address; send fewer", headers={"retry-after": "1"})
         if scope["method"] in READS:
             return
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
         host = headers.get(b"host", "")
         if not self._is_own(host):
             said = f"requests that change something must address this server by its name, not {host!r:.60}"
-            raise Problem(403, said, field="host")
+            raise ProblemError(403, said, field="host")
         origin = headers.get(b"origin")
         own = origin is not None and urlsplit(origin).netloc == host
         if origin is not None and not own and origin not in self._settings.origins:
             said = f"pages of {origin!r:.60} may not change anything here"
-            raise Problem(403, said, field="origin")
+            raise ProblemError(403, said, field="origin")
 
     def _is_own(self, host: str) -> bool:
         """Whether a Host header names this server: other names may be a page's that points here (DNS rebinding)."""
@@ -137,7 +137,7 @@ class Body:
             async with asyncio.timeout(self._deadline - time.monotonic()):
                 message = await self._receive()
         except TimeoutError as error:
-            raise Problem(408, f"the body must come within {BODY_SECONDS:g} seconds") from error
+            raise ProblemError(408, f"the body must come within {BODY_SECONDS:g} seconds") from error
         self._bytes += len(message.get("body", b""))
         if self._bytes > LARGEST_BODY:
             raise _too_large()
@@ -176,7 +176,7 @@ def check_key(given: str | None, key: str | None) -> None:
 
     Raises
     ------
-    Problem
+    ProblemError
         401.
     """
     if key is None:
@@ -184,11 +184,11 @@ def check_key(given: str | None, key: str | None) -> None:
     said = (given or "").removeprefix("Bearer ").encode()
     if not hmac.compare_digest(said, key.encode()):
         wanted = "this needs the API key: send the header Authorization: Bearer KEY"
-        raise Problem(401, wanted, field="authorization", headers={"www-authenticate": "Bearer"})
+        raise ProblemError(401, wanted, field="authorization", headers={"www-authenticate": "Bearer"})
 
 
-def _too_large() -> Problem:
-    return Problem(413, f"the body may have {LARGEST_BODY:,} bytes at most", field="body")
+def _too_large() -> ProblemError:
+    return ProblemError(413, f"the body may have {LARGEST_BODY:,} bytes at most", field="body")
 
 
 def _template(scope: Scope) -> str:

@@ -22,7 +22,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from sidestep.network.snapping import StreetPoint, simplified
 from sidestep.network.town import Town
 from sidestep.routing.directions import CROWDING, Leg, Step
-from sidestep.server.problems import Problem
+from sidestep.server.problems import ProblemError
 
 MOST_COORDINATES = 100
 """Of one route or table."""
@@ -105,7 +105,7 @@ class RouteOptions(General):
     steps: bool = False
     annotations: bool | Words = False
     geometries: Literal["polyline", "polyline6", "geojson"] = "polyline"
-    overview: Literal["simplified", "full", "false"] | Literal[False] = "simplified"
+    overview: Literal["simplified", "full", "false", False] = "simplified"
     continue_straight: Literal["default", "true", "false"] | bool = "default"
     """Accepted and ignored: walkers may turn round anywhere."""
     waypoints: Indices = None
@@ -169,7 +169,7 @@ def check_profile(profile: str) -> None:
     """Refuse profiles of vehicles."""
     if profile not in PROFILES:
         said = f"walks are all that is planned here; the profile must be {', '.join(PROFILES)}, not {profile!r:.40}"
-        raise Problem(400, said, field="profile", code="InvalidValue")
+        raise ProblemError(400, said, field="profile", code="InvalidValue")
 
 
 def read_coordinates(text: str, most: int = MOST_COORDINATES) -> Coordinates:
@@ -189,17 +189,17 @@ def read_coordinates(text: str, most: int = MOST_COORDINATES) -> Coordinates:
 
     Raises
     ------
-    Problem
+    ProblemError
         Anything else (``InvalidQuery``), degrees that do not exist (``InvalidValue``), too many (``TooBig``).
     """
     text = text.removesuffix(_SUFFIX)
     if text.count(";") >= most or len(text) > 64 * most:
-        raise Problem(400, f"there may be {most} coordinates at most", field="coordinates", code="TooBig")
+        raise ProblemError(400, f"there may be {most} coordinates at most", field="coordinates", code="TooBig")
     if encoded := _ENCODED.fullmatch(text):
         try:
             found = polyline.decode(encoded[2], 6 if encoded[1] else 5, geojson=True)
         except (IndexError, ValueError) as error:
-            raise Problem(400, "the polyline is cut off", field="coordinates", code="InvalidQuery") from error
+            raise ProblemError(400, "the polyline is cut off", field="coordinates", code="InvalidQuery") from error
     elif _COORDINATES.fullmatch(text):
         numbers = [float(each) for pair in text.split(";") for each in pair.split(",")]
         found = list(zip(numbers[::2], numbers[1::2], strict=True))
@@ -207,7 +207,7 @@ def read_coordinates(text: str, most: int = MOST_COORDINATES) -> Coordinates:
         said = (
             "coordinates must be LONGITUDE,LATITUDE pairs with semicolons between them, such as 24.94,60.17;24.95,60.16"
         )
-        raise Problem(400, said, field="coordinates", code="InvalidQuery")
+        raise ProblemError(400, said, field="coordinates", code="InvalidQuery")
     return check_coordinates(found, most)
 
 
@@ -226,15 +226,15 @@ def check_coordinates(found: Sequence[Pair], most: int = MOST_COORDINATES) -> Co
 
     Raises
     ------
-    Problem
+    ProblemError
         With the field ``coordinates``.
     """
     if len(found) > most:
-        raise Problem(400, f"there may be {most} coordinates at most", field="coordinates", code="TooBig")
+        raise ProblemError(400, f"there may be {most} coordinates at most", field="coordinates", code="TooBig")
     for longitude, latitude in found:
         if not (-180 <= longitude <= 180 and -90 <= latitude <= 90):
             said = f"{longitude:g},{latitude:g} is no place: give the longitude (-180 to 180), then the latitude"
-            raise Problem(400, said, field="coordinates", code="InvalidValue")
+            raise ProblemError(400, said, field="coordinates", code="InvalidValue")
     return list(found)
 
 
@@ -242,7 +242,7 @@ def check_number(field: str, given: Sequence[Any] | None, coordinates: int) -> N
     """Refuse lists that must have one entry for each coordinate, and have not."""
     if given is not None and len(given) != coordinates:
         said = f"{field} must be as many as the coordinates, {coordinates}, not {len(given)}"
-        raise Problem(400, said, field=field, code="InvalidOptions")
+        raise ProblemError(400, said, field=field, code="InvalidOptions")
 
 
 def check_indices(field: str, given: Sequence[int] | None, coordinates: int) -> Sequence[int]:
@@ -262,17 +262,17 @@ def check_indices(field: str, given: Sequence[int] | None, coordinates: int) -> 
 
     Raises
     ------
-    Problem
+    ProblemError
         Numbers of no coordinate.
     """
     found = range(coordinates) if given is None else given
     if not found or max(found) >= coordinates:
         said = f"{field} must be numbers of coordinates, 0 to {coordinates - 1}"
-        raise Problem(400, said, field=field, code="InvalidOptions")
+        raise ProblemError(400, said, field=field, code="InvalidOptions")
     return found
 
 
-def checked_annotations(given: bool | Sequence[str], known: Sequence[str]) -> list[str]:  # noqa: FBT001 - as in URLs
+def checked_annotations(given: bool | Sequence[str], known: Sequence[str]) -> list[str]:
     """Names of annotations; those that are not known are refused."""
     if isinstance(given, bool):
         return [*known] if given else []
@@ -281,7 +281,7 @@ def checked_annotations(given: bool | Sequence[str], known: Sequence[str]) -> li
     for name in given:
         if name not in known:
             said = f"annotations must be among {', '.join(known)}, not {name!r:.40}"
-            raise Problem(400, said, field="annotations", code="InvalidOptions")
+            raise ProblemError(400, said, field="annotations", code="InvalidOptions")
     return list(given)
 
 
@@ -397,7 +397,7 @@ def course_of(legs: Sequence[Leg], place: Pair) -> list[list[float]]:
     return points or [list(place), list(place)]
 
 
-def geometry(points: Sequence[Sequence[float]], form: str) -> Any:
+def geometry(points: Any, form: str) -> Any:
     """A line as text or GeoJSON.
 
     Parameters

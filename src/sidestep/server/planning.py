@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from datetime import datetime
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from sidestep.routing.quick import QuickRouter
 from sidestep.routing.request import RouteError, RouteRequest, read_departure
 from sidestep.server import osrm
 from sidestep.server.osrm import Coordinates, Pair, Stretch, Walk
-from sidestep.server.problems import Problem
+from sidestep.server.problems import ProblemError
 from sidestep.server.town import ServedTown
 
 FEW_FUTURES = 1
@@ -36,7 +37,7 @@ def snapped(served: ServedTown, coordinates: Coordinates, options: osrm.General)
 
     Raises
     ------
-    Problem
+    ProblemError
         Lists of another length (``InvalidOptions``), places without a street near by (``NoSegment``).
     """
     count = len(coordinates)
@@ -58,10 +59,10 @@ def snapped(served: ServedTown, coordinates: Coordinates, options: osrm.General)
                 said = str(error)
                 if quick.snapper.is_swapped(latitude, longitude):
                     said = f"{longitude:g},{latitude:g} is the latitude before the longitude; swap them"
-                raise Problem(400, said, field="coordinates", code="NoSegment") from error
+                raise ProblemError(400, said, field="coordinates", code="NoSegment") from error
         if options.radiuses is not None and point.distance > options.radiuses[number]:
             said = f"no street within {options.radiuses[number]:g} m of coordinate {number}"
-            raise Problem(400, said, field="radiuses", code="NoSegment")
+            raise ProblemError(400, said, field="radiuses", code="NoSegment")
         found.append(point)
     return found
 
@@ -99,7 +100,7 @@ def waypoints(
 def is_quick(served: ServedTown, options: osrm.RouteOptions, avoid: object) -> bool:
     """Whether a route needs no more than a search by expected times, which takes a millisecond."""
     asked = options.planner or (None if served.has_model else BASELINE)
-    objective = options.objective or ("time" if served.scenario.objective == "time" else None)
+    objective = options.objective or ("time" if served.scenario.objective.to_json() is None else None)
     more = options.alternatives or options.futures or options.arrive_by or options.confidence or avoid
     return asked == BASELINE and objective == "time" and not more
 
@@ -123,16 +124,18 @@ def route(
 
     Raises
     ------
+    ProblemError
+        Too few coordinates, and stops that are none of them.
     SidestepError
         What no route answers, with the parameter as its field.
     """
     annotations = osrm.checked_annotations(options.annotations, osrm.ANNOTATIONS)
     if len(coordinates) < 2:
-        raise Problem(400, "a route needs two coordinates or more", field="coordinates", code="InvalidQuery")
+        raise ProblemError(400, "a route needs two coordinates or more", field="coordinates", code="InvalidQuery")
     stops = osrm.check_indices("waypoints", options.waypoints, len(coordinates))
     if stops[0] != 0 or stops[-1] != len(coordinates) - 1 or sorted(set(stops)) != [*stops]:
         said = "waypoints must begin with the first coordinate, end with the last, and rise"
-        raise Problem(400, said, field="waypoints", code="InvalidOptions")
+        raise ProblemError(400, said, field="waypoints", code="InvalidOptions")
     points = snapped(served, coordinates, options)
     if is_quick(served, options, avoid):
         walks = [_quick_walk(served, points, stops, options)]
@@ -160,14 +163,14 @@ def _places(walk: Walk, points: Sequence[StreetPoint], stops: Sequence[int]) -> 
 def _quick_walk(
     served: ServedTown, points: Sequence[StreetPoint], stops: Sequence[int], options: osrm.RouteOptions
 ) -> Walk:
-    """A walk by expected times from place to place."""
+    """A walk by expected times from place to place; ProblemError (``NoRoute``) where no path leads."""
     router = served.routers(options.walker, None)
     quick, departs = router.quick, served.departs(options.depart_at, router=router)
     stretches: list[Stretch] = []
     legs: list[Any] = []
     headings: list[Any] = []
     clock, begins = departs, points[0]
-    for number, (before, after) in enumerate(zip(points, points[1:], strict=False), start=1):
+    for number, (before, after) in enumerate(pairwise(points), start=1):
         try:
             found = quick.route(before, after, clock, options.exclude)
         except RouteError as error:
@@ -187,9 +190,9 @@ def _quick_walk(
     )
 
 
-def _no_route(error: RouteError) -> Problem:
+def _no_route(error: RouteError) -> ProblemError:
     code = "NoRoute" if error.field == "destination" else None
-    return Problem(400, str(error), field=error.field, code=code)
+    return ProblemError(400, str(error), field=error.field, code=code)
 
 
 def _planned_walks(
@@ -199,7 +202,7 @@ def _planned_walks(
     if len(coordinates) != 2:
         asked = "alternatives, futures, arrive_by, avoid, objective and planners other than expected"
         said = f"{asked} are for routes between two coordinates; leave them out, or ask for each route"
-        raise Problem(400, said, field="coordinates", code="NotImplemented")
+        raise ProblemError(400, said, field="coordinates", code="NotImplemented")
     router = served.routers(options.walker, options.objective)
     origin, destination = ((latitude, longitude) for longitude, latitude in coordinates)
     deadline = read_departure(options.arrive_by, "arrive_by")
@@ -300,11 +303,11 @@ def nearest(served: ServedTown, coordinates: Coordinates, options: osrm.NearestO
 
     Raises
     ------
-    Problem
+    ProblemError
         No street near by (``NoSegment``).
     """
     if len(coordinates) != 1:
-        raise Problem(400, "give one coordinate", field="coordinates", code="InvalidOptions")
+        raise ProblemError(400, "give one coordinate", field="coordinates", code="InvalidOptions")
     ((longitude, latitude),) = coordinates
     points = snapped(served, coordinates, options)
     snapper = _quick(served, options).snapper

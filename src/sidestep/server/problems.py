@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from pydantic import ValidationError
+from fastapi.exceptions import RequestValidationError
 from pydantic_core import to_json
 from starlette.requests import Request
 from starlette.responses import Response
@@ -30,7 +30,7 @@ _TITLES = {
 _CODES = {404: "InvalidUrl", 405: "InvalidUrl", 413: "TooBig", 422: "InvalidValue", 500: "InternalError"}
 
 
-class Problem(SidestepError):
+class ProblemError(SidestepError):
     """A request that is refused.
 
     Parameters
@@ -69,7 +69,7 @@ class JsonResponse(Response):
         return to_json(content, inf_nan_mode="null")
 
 
-def refused(path: str, problem: Problem) -> Response:
+def refused(path: str, problem: ProblemError) -> Response:
     """Answer a request with what is wrong with it.
 
     Parameters
@@ -95,12 +95,12 @@ def refused(path: str, problem: Problem) -> Response:
     return JsonResponse(content, status, problem.headers, media_type="application/problem+json")
 
 
-def of_error(error: SidestepError) -> Problem:
+def of_error(error: SidestepError) -> ProblemError:
     """What is wrong with a request that the packages below refuse."""
-    return error if isinstance(error, Problem) else Problem(400, str(error), field=error.field)
+    return error if isinstance(error, ProblemError) else ProblemError(400, str(error), field=error.field)
 
 
-def of_validation(errors: list[Any]) -> Problem:
+def of_validation(errors: list[Any]) -> ProblemError:
     """What is wrong with parameters, from the first mistake that pydantic found.
 
     Parameters
@@ -110,17 +110,17 @@ def of_validation(errors: list[Any]) -> Problem:
 
     Returns
     -------
-    Problem
+    ProblemError
         With the parameter as its field.
     """
     first = errors[0]
     place = [str(each) for each in first["loc"] if each not in {"query", "body", "path"}]
     name, said = ".".join(place), str(first["msg"]).removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
-        return Problem(400, f"{name} is no parameter here", field=name, code="InvalidOptions")
+        return ProblemError(400, f"{name} is no parameter here", field=name, code="InvalidOptions")
     if first["type"] == "json_invalid":
-        return Problem(400, "the body is not JSON", field="body", code="InvalidQuery")
-    return Problem(422, f"{name}: {said}" if name else said, field=name or None, code="InvalidValue")
+        return ProblemError(400, "the body is not JSON", field="body", code="InvalidQuery")
+    return ProblemError(422, f"{name}: {said}" if name else said, field=name or None, code="InvalidValue")
 
 
 async def on_error(request: Request, error: Exception) -> Response:
@@ -131,5 +131,5 @@ async def on_error(request: Request, error: Exception) -> Response:
 
 async def on_validation(request: Request, error: Exception) -> Response:
     """Answer what FastAPI refuses."""
-    listed = error.errors() if isinstance(error, ValidationError) else error.errors()  # type: ignore[attr-defined]
-    return refused(request.url.path, of_validation(list(listed)))
+    assert isinstance(error, RequestValidationError)  # noqa: S101 - registered for these
+    return refused(request.url.path, of_validation(list(error.errors())))

@@ -1,7 +1,5 @@
 """Listening: sockets, processes, logs, and a graceful stop."""
 
-import logging
-import logging.config
 import os
 import socket
 import tempfile
@@ -69,7 +67,7 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
     if settings.workers > 1:
         from uvicorn.supervisors import Multiprocess
 
-        Multiprocess(config, target=server.run, sockets=[listening]).run()
+        Multiprocess(config, sockets=[listening]).run()
     else:
         server.run(sockets=[listening])
     if not server.started and settings.workers == 1:
@@ -87,7 +85,7 @@ def _listen(host: str, port: int) -> socket.socket:
         said = f"cannot listen on {host}, port {port}: {error.strerror or error}"
         raise SidestepError(f"{said}; choose another --port or --host", field="port") from error
     found.listen(2048)
-    found.setblocking(False)  # noqa: FBT003 - the standard library's
+    found.setblocking(False)
     return found
 
 

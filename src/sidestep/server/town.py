@@ -31,7 +31,7 @@ from sidestep.scenarios.places import Venue
 from sidestep.scenarios.reader import find_scenario
 from sidestep.scenarios.walkers import WALKERS, read_walkers
 from sidestep.server.osrm import Hinter
-from sidestep.server.problems import Problem
+from sidestep.server.problems import ProblemError
 from sidestep.server.settings import Settings
 
 T = TypeVar("T")
@@ -90,6 +90,16 @@ class ServedTown:
     def routers(self, walker: str | None, objective: str | None) -> Router:
         """The router for a walker and an objective, as people write them; by default the scenario's own.
 
+        Parameters
+        ----------
+        walker, objective
+            Texts, or None.
+
+        Returns
+        -------
+        Router
+            Made once, as long as not too many others are asked for.
+
         Raises
         ------
         SidestepError
@@ -114,7 +124,7 @@ class ServedTown:
             with at_fault("walker"):
                 walkers = read_walkers(walker, self.scenario.walker)
             if len(walkers) != 1:
-                raise Problem(400, "one walker walks at a time", field="walker")
+                raise ProblemError(400, "one walker walks at a time", field="walker")
             changes["walker"] = walkers[0]
         if objective is not None:
             with at_fault("objective"):
@@ -164,6 +174,16 @@ class ServedTown:
 
     def asked(self, field: str, given: str | None) -> Departure | None:
         """Read a local time for a router, which takes None where crowds know no times.
+
+        Parameters
+        ----------
+        field, given
+            The parameter, and its text; None: now.
+
+        Returns
+        -------
+        Departure or None
+            The time.
 
         Raises
         ------
@@ -235,13 +255,23 @@ class ServedTown:
     async def heavily(self, answer: Callable[[], T]) -> T:
         """Answer a question that takes long in a thread, a few at a time.
 
+        Parameters
+        ----------
+        answer
+            Works it out.
+
+        Returns
+        -------
+        T
+            What that returns.
+
         Raises
         ------
-        Problem
+        ProblemError
             503 where too many wait already.
         """
         if self._waiting >= MOST_WAITING:
-            raise Problem(503, "too many such questions at once; ask again in a moment", headers={"retry-after": "2"})
+            raise ProblemError(503, "too many such questions at once; ask again soon", headers={"retry-after": "2"})
         self._waiting += 1
         try:
             return await anyio.to_thread.run_sync(answer, limiter=self._limiter)

@@ -1,0 +1,86 @@
+"""What the paths of the HTTP API have in common: parameters, bodies and answers."""
+
+from typing import Annotated, Any, TypeVar
+
+from fastapi import Query, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ValidationError
+from starlette.responses import Response
+
+from sidestep.server.osrm import read_coordinates
+from sidestep.server.problems import JsonResponse, ProblemError
+from sidestep.server.town import ServedTown
+
+M = TypeVar("M", bound=BaseModel)
+Place = Annotated[str, Query(max_length=80, description="Longitude and latitude, with a comma between them.")]
+Time = Annotated[
+    str | None, Query(max_length=40, description="Local time: ISO 8601, Fri 17:30 or 17:30; by default now.")
+]
+Word = Annotated[str | None, Query(max_length=200)]
+Futures = Annotated[int | None, Query(ge=1, le=1000, description="Simulated futures.")]
+
+
+def town_of(request: Request) -> ServedTown:
+    """The town that is served."""
+    served: ServedTown = request.app.state.town
+    return served
+
+
+async def body_of(request: Request, model: type[M]) -> M:
+    """The body of a request, strictly as JSON.
+
+    Parameters
+    ----------
+    request, model
+        The request, and what its body must be like.
+
+    Returns
+    -------
+    M
+        The body.
+
+    Raises
+    ------
+    ProblemError
+        Bodies of another type (415).
+    RequestValidationError
+        Anything that the model does not allow.
+    """
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind not in {"application/json", ""}:
+        raise ProblemError(415, f"the body must be application/json, not {kind!r:.60}", field="content-type")
+    try:
+        return model.model_validate_json(await request.body())
+    except ValidationError as error:
+        raise RequestValidationError(error.errors(include_url=False)) from error
+
+
+def takes(model: type[BaseModel]) -> dict[str, Any]:
+    """What the OpenAPI document says of a body that is read here."""
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": model.model_json_schema()}}}}
+
+
+def place_of(field: str, text: str) -> tuple[float, float]:
+    """Latitude and longitude of a parameter, which has the longitude first."""
+    try:
+        ((longitude, latitude),) = read_coordinates(text, 1)
+    except (ProblemError, ValueError) as error:
+        said = f"{field} must be LONGITUDE,LATITUDE in degrees, such as 24.94,60.17, not {text!r:.60}"
+        raise ProblemError(400, said, field=field) from error
+    return latitude, longitude
+
+
+def numbers_of(field: str, text: str, most: int) -> list[float]:
+    """Numbers with commas between them."""
+    try:
+        found = [float(each) for each in text.split(",")]
+    except ValueError as error:
+        raise ProblemError(400, f"{field} must be numbers with commas between them", field=field) from error
+    if len(found) > most:
+        raise ProblemError(400, f"{field} may be {most} numbers at most", field=field)
+    return found
+
+
+def geojson(content: dict[str, Any]) -> Response:
+    """An answer in GeoJSON."""
+    return JsonResponse(content, media_type="application/geo+json")

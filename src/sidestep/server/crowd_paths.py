@@ -1,0 +1,130 @@
+"""Crowds, and how far and when one walks through them: what OSRM does not have."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Header, Query, Request
+from starlette.responses import Response
+
+from sidestep.routing.directions import CROWDING
+from sidestep.routing.request import read_departure
+from sidestep.server.asking import Futures, Place, Time, Word, geojson, numbers_of, place_of, town_of
+from sidestep.server.problems import JsonResponse
+
+router = APIRouter(tags=["crowds"])
+MOST_MINUTES = 8
+"""Limits of one isochrone."""
+
+
+@router.get("/isochrone")
+async def isochrone(
+    request: Request,
+    origin: Place,
+    minutes: Annotated[str, Query(max_length=80)] = "5,10,15",
+    depart_at: Time = None,
+    planner: Word = None,
+    walker: Word = None,
+    futures: Futures = None,
+) -> Response:
+    """How far one gets in some minutes, as GeoJSON; with futures in half and in 90 % of them."""
+    served, place, limits = town_of(request), place_of("origin", origin), numbers_of("minutes", minutes, MOST_MINUTES)
+
+    def answer() -> dict[str, Any]:
+        router = served.routers(walker, None)
+        departs = served.asked("depart_at", depart_at)
+        return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=futures).togeojson()
+
+    return geojson(await served.heavily(answer))
+
+
+@router.get("/when")
+async def when(
+    request: Request,
+    origin: Place,
+    destination: Place,
+    depart_at: Time = None,
+    until: Time = None,
+    step: Annotated[float | None, Query(gt=0, description="Minutes between two departures.")] = None,
+    arrive_by: Annotated[
+        str | None, Query(max_length=40, description="When to be there: each departure then has on_time.")
+    ] = None,
+    planner: Word = None,
+    walker: Word = None,
+    futures: Annotated[int, Query(ge=1, le=1000)] = 50,
+) -> Response:
+    """How long the walk takes at every departure of a window, by default of two hours."""
+    served, ends = town_of(request), (place_of("origin", origin), place_of("destination", destination))
+
+    def answer() -> dict[str, Any]:
+        router = served.routers(walker, None)
+        return router.when(
+            *ends,
+            depart=served.asked("depart_at", depart_at),
+            until=read_departure(until, "until"),
+            step=step,
+            arrive_by=read_departure(arrive_by, "arrive_by"),
+            planner=planner,
+            futures=futures,
+        ).to_json()
+
+    return JsonResponse(await served.heavily(answer))
+
+
+@router.get("/crowds")
+async def crowds(request: Request, at: Time = None, *, geometry: bool = True) -> Response:
+    """Expected persons/m² on all streets, as GeoJSON or, without geometry, as a list by number of the street."""
+    served = town_of(request)
+    when_ = served.departs(at, "at")
+    density = np.round(served.quick.crowds(when_).astype(np.float64), 3).tolist()
+    said = {"at": None if when_.date is None else when_.date.isoformat(), **when_.facts(0.0)}
+    if not geometry:
+        return JsonResponse({**said, "density": density})
+    words = [next(word for limit, word in CROWDING if persons < limit) for persons in density]
+    features = [
+        {**street, "properties": {**street["properties"], "density": persons, "crowding": word}}
+        for street, persons, word in zip(served.streets["features"], density, words, strict=True)
+    ]
+    return geojson({**served.streets, **said, "features": features})
+
+
+@router.get("/streets")
+async def streets(request: Request, if_none_match: Annotated[str | None, Header()] = None) -> Response:
+    """All streets, as GeoJSON; they stay as they are as long as the server runs."""
+    content, tag = town_of(request).streets_json
+    headers = {"etag": tag, "cache-control": "max-age=3600"}
+    if if_none_match == tag:
+        return Response(status_code=304, headers=headers)
+    return Response(content, headers=headers, media_type="application/geo+json")
+
+
+@router.get("/search")
+async def search(
+    request: Request,
+    q: Annotated[str, Query(max_length=100)],
+    limit: Annotated[int, Query(ge=1, le=50)] = 8,
+) -> Response:
+    """Streets by a part of their names."""
+    found = town_of(request).names.search(q, limit)
+    rows = [
+        {
+            "name": each.name,
+            "longitude": each.place[0],
+            "latitude": each.place[1],
+            "metres": round(each.metres),
+            "streets": each.streets,
+        }
+        for each in found
+    ]
+    return JsonResponse(rows)
+
+
+@router.get("/town")
+async def town(request: Request) -> Response:
+    """What is served: the scenario, whose streets and counts they are, and what may be asked."""
+    return JsonResponse(town_of(request).facts)
+
+
+@router.get("/clock")
+async def clock(request: Request) -> Response:
+    """The local time by which the server goes."""
+    return JsonResponse(town_of(request).clock_facts)

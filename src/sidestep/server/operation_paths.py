@@ -1,0 +1,29 @@
+"""What whoever runs the server asks."""
+
+from fastapi import APIRouter, Request
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from starlette.responses import Response
+
+from sidestep.server.problems import JsonResponse, ProblemError
+
+router = APIRouter(tags=["operations"])
+
+
+@router.get("/healthz")
+async def healthz() -> Response:
+    """Whether the process answers."""
+    return JsonResponse({"status": "ok"})
+
+
+@router.get("/readyz")
+async def readyz(request: Request) -> Response:
+    """Whether the town is loaded and routes are planned."""
+    if not request.app.state.ready:
+        raise ProblemError(503, "the town is not loaded yet", headers={"retry-after": "1"})
+    return JsonResponse({"status": "ready"})
+
+
+@router.get("/metrics")
+async def metrics() -> Response:
+    """Numbers of requests and their times, for Prometheus."""
+    return Response(generate_latest(), media_type=CONTENT_TYPE_LATEST)

@@ -1,0 +1,75 @@
+"""The services of OSRM, version 1."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from starlette.responses import Response
+
+from sidestep.server import osrm, planning
+from sidestep.server.asking import body_of, takes, town_of
+from sidestep.server.osrm import NearestOptions, RouteOptions, TableOptions, check_profile, read_coordinates
+from sidestep.server.problems import JsonResponse
+
+router = APIRouter(tags=["OSRM"])
+
+
+async def _planned(
+    request: Request, coordinates: osrm.Coordinates, options: RouteOptions, avoid: dict[str, Any] | None
+) -> Response:
+    served = town_of(request)
+    if planning.is_quick(served, options, avoid):
+        return JsonResponse(planning.route(served, coordinates, options))
+    return JsonResponse(await served.heavily(lambda: planning.route(served, coordinates, options, avoid)))
+
+
+@router.get("/route/v1/{profile}/{coordinates:path}")
+async def route(
+    request: Request, profile: str, coordinates: str, options: Annotated[RouteOptions, Query()]
+) -> Response:
+    """Plan a route through places, as OSRM does, by expected crowds."""
+    check_profile(profile)
+    return await _planned(request, read_coordinates(coordinates), options, None)
+
+
+@router.post("/route/v1/{profile}", openapi_extra=takes(osrm.RouteBody))
+async def route_of_body(request: Request, profile: str) -> Response:
+    """The same with a JSON body, which may have areas to avoid."""
+    check_profile(profile)
+    body = await body_of(request, osrm.RouteBody)
+    return await _planned(request, osrm.check_coordinates(body.coordinates), body, body.avoid)
+
+
+@router.get("/table/v1/{profile}/{coordinates:path}")
+async def table(
+    request: Request, profile: str, coordinates: str, options: Annotated[TableOptions, Query()]
+) -> Response:
+    """Times and lengths of the walks from many places to many others."""
+    check_profile(profile)
+    served, places = town_of(request), read_coordinates(coordinates)
+    return JsonResponse(await served.heavily(lambda: planning.table(served, places, options)))
+
+
+@router.post("/table/v1/{profile}", openapi_extra=takes(osrm.TableBody))
+async def table_of_body(request: Request, profile: str) -> Response:
+    """The same with a JSON body."""
+    check_profile(profile)
+    served, body = town_of(request), await body_of(request, osrm.TableBody)
+    places = osrm.check_coordinates(body.coordinates)
+    return JsonResponse(await served.heavily(lambda: planning.table(served, places, body)))
+
+
+@router.get("/nearest/v1/{profile}/{coordinates:path}")
+async def nearest(
+    request: Request, profile: str, coordinates: str, options: Annotated[NearestOptions, Query()]
+) -> Response:
+    """The streets nearest to a place."""
+    check_profile(profile)
+    return JsonResponse(planning.nearest(town_of(request), read_coordinates(coordinates), options))
+
+
+@router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm.NearestBody))
+async def nearest_of_body(request: Request, profile: str) -> Response:
+    """The same with a JSON body."""
+    check_profile(profile)
+    body = await body_of(request, osrm.NearestBody)
+    return JsonResponse(planning.nearest(town_of(request), osrm.check_coordinates(body.coordinates), body))
