@@ -12,7 +12,6 @@ import shapely
 from jaxtyping import Bool, Float, Float64, Int
 from shapely.ops import substring
 
-from sidestep.network.geodesy import Projection
 from sidestep.network.graph import ABSENT, SHUT, Areas, RoadNetwork
 from sidestep.network.town import Town, TownError
 
@@ -220,13 +219,13 @@ def piece_of(town: Town, street: int, begin: float, end: float) -> Float[np.ndar
     return town.projection.unproject(shapely.get_coordinates(piece))
 
 
-def simplified(points: Sequence[Sequence[float]], metres: float) -> list[list[float]]:
+def simplified(town: Town, points: Sequence[Sequence[float]], metres: float) -> list[list[float]]:
     """Leave out points of a course that change it little.
 
     Parameters
     ----------
-    points
-        Longitudes and latitudes in degrees, two or more.
+    town, points
+        Longitudes and latitudes in this town in degrees, two or more.
     metres
         By which the course may be off.
 
@@ -235,8 +234,7 @@ def simplified(points: Sequence[Sequence[float]], metres: float) -> list[list[fl
     list
         Some of the points, the first and the last among them.
     """
-    course = np.array(points, float)
-    line = shapely.LineString(Projection.of(course).project(course))
+    line = shapely.LineString(town.project(np.array(points, float)))
     kept = shapely.get_coordinates(line.simplify(metres))
     # Points that are kept stay as they are: the simplified line has them in their order.
     at, found = 0, []

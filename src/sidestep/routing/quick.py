@@ -59,8 +59,6 @@ class QuickRoute:
     """The departure."""
     legs: Sequence[Leg]
     """The segments in their order; none where both places are the same."""
-    bearings: Sequence[Bearings]
-    """Of each leg."""
     seconds: float
     """Expected travel time."""
 
@@ -131,12 +129,11 @@ class QuickRouter:
             raise RouteError(said, field="destination")
         legs = [self._leg(table, piece) for piece in pieces]
         seconds = pieces[-1].leaves - clock if pieces else 0.0
-        return QuickRoute(departs, legs, [self._bearing(piece) for piece in pieces], seconds)
+        return QuickRoute(departs, legs, seconds)
 
-    @staticmethod
-    def steps(legs: Sequence[Leg], headings: Sequence[Bearings]) -> list[Step]:
+    def steps(self, legs: Sequence[Leg]) -> list[Step]:
         """Turn by turn, for the legs of one route or of several that follow each other."""
-        return directions(legs, headings)
+        return directions(legs, [self._bearing(leg) for leg in legs])
 
     def matrix(
         self, origins: Sequence[End], destinations: Sequence[End], departs: TownClock, exclude: Sequence[str] = ()
@@ -346,16 +343,15 @@ class QuickRouter:
             begin, end = 1 - begin, 1 - end
         return np.round(piece_of(self.snapper.town, self._street[piece.segment], begin, end), 7).tolist()
 
-    def bearing(self, segment: int) -> Bearings:
-        """The bearings in which a whole segment begins and ends, in degrees clockwise from north."""
+    def _bearing(self, leg: Leg) -> Bearings:
+        """The bearings in which a leg begins and ends; those of whole segments are worked out once."""
+        segment, course = leg.segment, leg.coordinates
+        if course is not self._courses.get(segment):
+            return bearings(np.array(course))
         found = self._bearings.get(segment)
         if found is None:
-            found = self._bearings[segment] = bearings(np.array(self._course(segment)))
+            found = self._bearings[segment] = bearings(np.array(course))
         return found
-
-    def _bearing(self, piece: Piece) -> Bearings:
-        whole = piece.begin == 0 and piece.end == 1
-        return self.bearing(piece.segment) if whole else bearings(np.array(self._part(piece)))
 
     def _leg(self, table: StreetTimes, piece: Piece) -> Leg:
         town, street = self.snapper.town, self._street[piece.segment]

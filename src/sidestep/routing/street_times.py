@@ -3,7 +3,7 @@
 import math
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from threading import Lock
 from typing import TypeAlias
 
@@ -31,7 +31,7 @@ AHEAD = 2 * HOUR
 """Seconds of departures that a table is for."""
 KEPT = 2**28
 """Bytes of tables that are kept, those asked for last; two at least."""
-POTENTIALS = 2**22
+POTENTIALS = 2**24
 """Bytes of potentials that each table keeps."""
 
 Row: TypeAlias = "memoryview[float] | list[float]"
@@ -216,6 +216,9 @@ class Tables:
     def __init__(self, scenario: Scenario, scenario_map: ScenarioMap, paces: Paces) -> None:
         self._scenario = scenario.changed(departures=(0.0, AHEAD))
         self._map, self._paces = scenario_map, paces
+        self._covers = lru_cache(maxsize=2 * HOURS_OF_WEEK)(
+            lambda hour: scenario_map.flow.timed and scenario_map.flow.covers(hour)
+        )
         self._kept: OrderedDict[float, StreetTimes] = OrderedDict()
         self._lock = Lock()
         self._live: tuple[TownClock, StreetTimes] | None = None
@@ -239,10 +242,10 @@ class Tables:
             begins, table = live
             if 0 <= (ahead := begins.clock(clock.date, "depart")) <= AHEAD:
                 return table, ahead
-        flow, hour = self._map.flow, clock.hour
-        middle = (np.floor(hour - 0.5) + 0.5) % HOURS_OF_WEEK
+        hour = clock.hour
+        middle = (math.floor(hour - 0.5) + 0.5) % HOURS_OF_WEEK
         # Tables of crowds that do not cover the middle begin with the departure itself.
-        begins_at = float(middle) if flow.timed and flow.covers(float(middle)) else hour
+        begins_at = middle if self._covers(middle) else hour
         return self._table(begins_at), (hour - begins_at) % HOURS_OF_WEEK * HOUR
 
     def _table(self, hour: float) -> StreetTimes:

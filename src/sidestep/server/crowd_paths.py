@@ -32,7 +32,7 @@ async def isochrone(
     def answer() -> dict[str, Any]:
         router = served.routers(walker, None)
         departs = served.asked("depart_at", depart_at)
-        return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=futures).togeojson()
+        return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=futures).to_geojson()
 
     return geojson(await served.heavily(answer))
 

@@ -555,13 +555,15 @@ class Walk:
     """What else is said of it."""
 
 
-def route(walk: Walk, options: RouteOptions, annotations: Sequence[str]) -> dict[str, Any]:
+def route(walk: Walk, options: RouteOptions, town: Town, annotations: Sequence[str]) -> dict[str, Any]:
     """A route in OSRM's shape.
 
     Parameters
     ----------
     walk, options
         The route, and how it is wanted.
+    town
+        The streets.
     annotations
         Names of what is wanted along its course.
 
@@ -596,7 +598,7 @@ def route(walk: Walk, options: RouteOptions, annotations: Sequence[str]) -> dict
     if options.overview not in {"false", False}:
         courses = [stretch.course for stretch in walk.stretches]
         if options.overview == "simplified":  # one by one, so that stops are not left out
-            courses = [simplified(course, SIMPLIFIED) for course in courses]
+            courses = [simplified(town, course, SIMPLIFIED) for course in courses]
         points = [point for number, course in enumerate(courses) for point in course[number > 0 :]]
         found = {"geometry": geometry(points, options.geometries), **found}
     if walk.departs is not None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import datetime
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from sidestep.server import osrm
 from sidestep.server.osrm import Coordinates, Pair, Stretch, Walk
 from sidestep.server.problems import ProblemError
 from sidestep.server.town import ServedTown
+
+if TYPE_CHECKING:
+    from sidestep.routing.directions import Leg
 
 FEW_FUTURES = 1
 """Futures that are simulated where nobody asks for their times."""
@@ -141,7 +144,10 @@ def route(
         walks = [_quick_walk(served, points, stops, options)]
     else:
         walks = _planned_walks(served, coordinates, options, avoid)
-    found: dict[str, Any] = {"code": "Ok", "routes": [osrm.route(walk, options, annotations) for walk in walks]}
+    found: dict[str, Any] = {
+        "code": "Ok",
+        "routes": [osrm.route(walk, options, served.town, annotations) for walk in walks],
+    }
     if not options.skip_waypoints:
         places = _places(walks[0], points, stops)
         found["waypoints"] = [
@@ -167,21 +173,20 @@ def _quick_walk(
     router = served.routers(options.walker, None)
     quick, departs = router.quick, served.departs(options.depart_at, router=router)
     stretches: list[Stretch] = []
-    legs: list[Any] = []
-    headings: list[Any] = []
+    legs: list[Leg] = []
     clock, begins = departs, points[0]
     for number, (before, after) in enumerate(pairwise(points), start=1):
         try:
             found = quick.route(before, after, clock, options.exclude)
         except RouteError as error:
             raise _no_route(error) from error
-        legs, headings = [*legs, *found.legs], [*headings, *found.bearings]
+        legs = [*legs, *found.legs]
         clock = clock.earlier(-found.seconds)
         if number in stops:
-            longitude, latitude = legs[0].coordinates[0] if legs else begins.place[::-1]
-            steps = quick.steps(legs, headings) if options.steps else []
+            longitude, latitude = (legs[0].coordinates or [])[0] if legs else begins.place[::-1]
+            steps = quick.steps(legs) if options.steps else []
             stretches.append(Stretch(legs, steps, (longitude, latitude)))
-            legs, headings, begins = [], [], after
+            legs, begins = [], after
     return Walk(
         stretches=stretches,
         planner=BASELINE,
