@@ -16,7 +16,7 @@ from jaxtyping import Float
 from sidestep.network.graph import ABSENT, SHUT
 from sidestep.network.snapping import SAME_NODE, Snapper, StreetPoint, piece_of
 from sidestep.routing.clocks import TownClock
-from sidestep.routing.directions import Leg, Step, bearings, directions
+from sidestep.routing.directions import Leg, Step, bearings, directions, opening_word
 from sidestep.routing.request import RouteError, at_fault
 from sidestep.routing.street_times import Row, StreetTimes, Tables
 from sidestep.scenarios.maps import ScenarioMap
@@ -47,8 +47,8 @@ class Piece:
     """When the walker comes to it, in s since the table's clock 0."""
     leaves: float
     """When the walker leaves it."""
-    wait: float
-    """Seconds before it."""
+    shut: float
+    """Seconds until it opens, when it is come to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,9 @@ class QuickRouter:
         Raises
         ------
         RouteError
-            No path leads from one to the other (field ``destination``); no street is of a kind (``exclude``).
+            No path leads from one to the other, or it takes longer than the horizon (field ``destination``).
+        TownError
+            No street is of a kind (``exclude``).
         """
         table, clock = self.tables.at(departs)
         closed = frozenset(exclude)
@@ -127,8 +129,12 @@ class QuickRouter:
         if pieces is None:
             said = "no path leads from the origin to the destination; streets may be one-way or unconnected"
             raise RouteError(said, field="destination")
-        legs = [self._leg(table, piece) for piece in pieces]
         seconds = pieces[-1].leaves - clock if pieces else 0.0
+        if seconds > self.tables.horizon:
+            most = self.tables.horizon / 60
+            said = f"the walk takes {seconds / 60:,.0f} min, and walks are given up after {most:g}"
+            raise RouteError(f"{said}; choose a nearer destination, or another departure", field="destination")
+        legs = [self._leg(table, piece) for piece in pieces]
         return QuickRoute(departs, legs, seconds)
 
     def steps(self, legs: Sequence[Leg]) -> list[Step]:
@@ -148,7 +154,7 @@ class QuickRouter:
         Returns
         -------
         Float[np.ndarray, "2 origin destination"]
-            Expected seconds, and metres; infinite where no path leads.
+            Expected seconds, and metres; infinite where no path leads within the horizon.
         """
         (table, clock), closed = self.tables.at(departs), frozenset(exclude)
         ends = [self._at_crossing(each) for each in destinations]
@@ -159,7 +165,7 @@ class QuickRouter:
                 columns = np.flatnonzero(areas == area).tolist()
                 walks = self._search(table, origin, [ends[column] for column in columns], clock, closed)
                 for column, pieces in zip(columns, walks, strict=True):
-                    if pieces is not None:
+                    if pieces is not None and (not pieces or pieces[-1].leaves - clock <= self.tables.horizon):
                         metres = sum(self._length[piece.segment] * (piece.end - piece.begin) for piece in pieces)
                         found[:, row, column] = pieces[-1].leaves - clock if pieces else 0.0, metres
         return found
@@ -251,6 +257,7 @@ class QuickRouter:
         else:
             potentials = [(table.potential(node), further) for node, further in bounds]
         (ahead, beyond), *others = potentials
+        gated = {} if table.gates is None else table.gates.of_segment
         arrival: dict[int, float] = {}
         via: dict[int, Piece | int] = {}
         heap: list[tuple[float, float, int]] = []
@@ -287,6 +294,9 @@ class QuickRouter:
             number = min(int(position), last)
             row, after, part = rows[number], rows[min(number + 1, last)], position - number
             for segment, head in exits[node]:
+                if segment in gated:
+                    come(head, self._piece(table, segment, 0.0, 1.0, at))
+                    continue
                 before = row[segment]
                 there = at + before + part * (after[segment] - before)
                 if there < arrival.get(head, math.inf):
@@ -304,10 +314,12 @@ class QuickRouter:
 
     def _piece(self, table: StreetTimes, segment: int, begin: float, end: float, clock: float) -> Piece:
         """A segment, or a part of it, come to at a clock."""
-        whole, wait = table.at(table.seconds, segment, clock), table.at(table.waits, segment, clock)
+        shut = table.until_open(segment, clock)
+        enters = clock + shut
+        whole, wait = table.at(table.seconds, segment, enters), table.at(table.waits, segment, enters)
         # Who begins in the middle of a street waits for its gate, but not for lights where it begins.
-        before = wait if begin == 0.0 else table.at(table.shut, segment, clock)
-        return Piece(segment, begin, end, clock, clock + before + (end - begin) * (whole - wait), before)
+        before = wait if begin == 0.0 else 0.0
+        return Piece(segment, begin, end, clock, enters + before + (end - begin) * (whole - wait), shut)
 
     def _traced(
         self, table: StreetTimes, via: dict[int, Piece | int], origin: End, goal: int, clock: float
@@ -360,6 +372,8 @@ class QuickRouter:
             segment=piece.segment,
             metres=self._length[piece.segment] * (piece.end - piece.begin),
             minutes=(piece.leaves - piece.clock) / 60,
+            opens=opening_word(table.hour, piece.clock, piece.shut),
+            minutes_until_open=piece.shut / 60,
             density=density,
             exposure=density * (piece.leaves - piece.clock),
             too_dense=False,

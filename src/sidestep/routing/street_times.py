@@ -25,6 +25,7 @@ from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Scenario
 from sidestep.walking.crossing_time import crosser
+from sidestep.walking.opening import OpeningTimes, Timetables
 
 HOUR = 3600.0
 AHEAD = 2 * HOUR
@@ -47,11 +48,11 @@ class StreetTimes:
     """Hour of the week at clock 0."""
     step_seconds: float
     seconds: Float[np.ndarray, "step segment"]
-    """From coming to a segment to its end, in s."""
+    """From coming to a segment, if it is open, to its end, in s."""
     waits: Float[np.ndarray, "step segment"] | None
-    """Of that the wait before the segment; None where nobody waits."""
-    shut: Float[np.ndarray, "step segment"] | None
-    """Of that the wait until the segment opens; None where all are always open."""
+    """Of that the wait for traffic before the segment; None where nobody waits."""
+    gates: Timetables | None
+    """When segments are open; None where all always are."""
     density: Float[np.ndarray, "segment slot"]
     """Expected persons/m²."""
     slot_seconds: float
@@ -61,7 +62,7 @@ class StreetTimes:
     @property
     def nbytes(self) -> int:
         """Size in memory."""
-        return sum(each.nbytes for each in (self.seconds, self.waits, self.shut, self.density) if each is not None)
+        return sum(each.nbytes for each in (self.seconds, self.waits, self.density) if each is not None)
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -133,6 +134,10 @@ class StreetTimes:
         before, after = float(table[step, segment]), float(table[min(step + 1, last), segment])
         return before + (position - step) * (after - before)
 
+    def until_open(self, segment: int, clock: float) -> float:
+        """Seconds until a segment opens that somebody comes to at a clock in s."""
+        return 0.0 if self.gates is None else self.gates.until_open(self.hour, segment, clock)
+
     def densities(self, clock: float) -> Float[np.ndarray, " segment"]:
         """Expected persons/m² on all segments at a clock in s."""
         return self.density[:, min(int(clock // self.slot_seconds), self.density.shape[1] - 1)]
@@ -143,17 +148,16 @@ class StreetTimes:
 
 
 @program()
-def _tabulated(params: EnvParams, clocks: Float[Array, " step"]) -> tuple[Array, Array, Array, Array]:
-    """Seconds from coming to segments to their ends, the waits in them, those until they open; and all densities."""
+def _tabulated(params: EnvParams, clocks: Float[Array, " step"]) -> tuple[Array, Array, Array]:
+    """Seconds from coming to segments to their ends, the waits for traffic in them, and all densities."""
     every, hour = jnp.arange(params.network.segments), jnp.int32(0)
-    wait, gates, expected = params.wait_in(hour), params.gates_in(hour), params.futures.speeds.of(hour)
+    wait, expected = params.wait_in(hour), params.futures.speeds.of(hour)
     cross = crosser(expected, params.network.length, params.rule)
 
-    def at(clock: Float[Array, ""]) -> tuple[Array, Array, Array]:
+    def at(clock: Float[Array, ""]) -> tuple[Array, Array]:
         come = jnp.full(every.shape, clock)
         waited = jnp.broadcast_to(wait(every, come), every.shape)
-        shut = jnp.broadcast_to(gates(every, come), every.shape)
-        return waited + cross(come + waited), waited, shut
+        return waited + cross(come + waited), waited
 
     return *jax.lax.map(at, clocks), expected.known_density
 
@@ -181,19 +185,21 @@ def street_times(
     params = make_environment(
         scenario, scenario_map, "test", 1, destinations=np.array([[0]]), hours=[hour], pace=pace, densities=True
     )
-    alone = as_expected(params)
-    # Between slots, what is expected of chance changes slowly; certain crowds and gates do not.
-    every = 1 if alone.futures.speeds.expected and not alone.waits.gates else math.ceil(scenario.slot_seconds / STEP)
+    alone, gates = as_expected(params), None
+    if isinstance(alone.waits, OpeningTimes):
+        gates, alone = alone.waits.timetables(), replace(alone, waits=alone.waits.traffic)
+    # Between slots, means over chance change slowly, and certain crowds do not.
+    every = 1 if alone.futures.speeds.expected else math.ceil(scenario.slot_seconds / STEP)
     step = scenario.slot_seconds / every
     clocks = on_device(np.arange(every * scenario.slots) * step)
-    seconds, waits, shut, density = (np.asarray(each) for each in _tabulated(alone, clocks))
+    seconds, waits, density = (np.asarray(each) for each in _tabulated(alone, clocks))
     return StreetTimes(
         network=scenario_map.network,
         hour=hour,
         step_seconds=step,
         seconds=np.ascontiguousarray(seconds),
         waits=np.ascontiguousarray(waits) if waits.any() else None,
-        shut=np.ascontiguousarray(shut) if alone.waits.gates else None,
+        gates=gates,
         density=np.ascontiguousarray(density),
         slot_seconds=scenario.slot_seconds,
     )
@@ -214,7 +220,7 @@ class Tables:
     """
 
     def __init__(self, scenario: Scenario, scenario_map: ScenarioMap, paces: Paces) -> None:
-        self._scenario = scenario.changed(departures=(0.0, AHEAD))
+        self._scenario, self.horizon = scenario.changed(departures=(0.0, AHEAD)), scenario.horizon
         self._map, self._paces = scenario_map, paces
         self._covers = lru_cache(maxsize=2 * HOURS_OF_WEEK)(
             lambda hour: scenario_map.flow.timed and scenario_map.flow.covers(hour)

@@ -6,7 +6,7 @@ as the street opens. Waits are exact to the second: opening times are known by t
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import equinox as eqx
@@ -20,6 +20,38 @@ from sidestep.walking.waits import HOUR, Clocks, NoWaits, Scalar, Segments, Wait
 MINUTE = 60
 ALWAYS = 0
 """The timetable of what is always open."""
+
+
+@dataclass(frozen=True)
+class Timetables:
+    """Gates for searches on the host: :meth:`OpeningTimes.until_open` of one segment at a time."""
+
+    opens_in: list[list[int]]
+    """Of each timetable, minutes from each minute of the week to the next one that is open."""
+    of_segment: dict[int, int]
+    """Which of these each segment has that is shut at times; others are always open."""
+
+    def until_open(self, hour: float, segment: int, clock: float) -> float:
+        """Time until a segment opens.
+
+        Parameters
+        ----------
+        hour
+            Hour of the week at clock 0, to the second.
+        segment, clock
+            Where and when a walker comes.
+
+        Returns
+        -------
+        float
+            Seconds, 0 where the segment is open.
+        """
+        timetable = self.of_segment.get(segment)
+        if timetable is None:
+            return 0.0
+        second, part = divmod(round(hour * HOUR) + clock, 1.0)
+        minutes = self.opens_in[timetable][int(second) // MINUTE % WEEK]
+        return minutes * MINUTE - second % MINUTE - part if minutes > 0 else 0.0
 
 
 class OpeningTimes(eqx.Module):
@@ -57,6 +89,13 @@ class OpeningTimes(eqx.Module):
         minutes = self.opens_in[self.timetable[segment], second // MINUTE % WEEK].astype(jnp.int32)
         seconds = (minutes * MINUTE - second % MINUTE).astype(float) - (clock - whole)
         return jnp.where(minutes > 0, seconds, 0.0)
+
+    def timetables(self) -> "Timetables":
+        """The same for plain numbers, one at a time."""
+        opens_in, timetable = np.asarray(self.opens_in), np.asarray(self.timetable)
+        sometimes = np.flatnonzero(opens_in.any(axis=1))
+        gated = np.flatnonzero(np.isin(timetable, sometimes)).tolist()
+        return Timetables([row.tolist() for row in opens_in], {segment: int(timetable[segment]) for segment in gated})
 
     def seconds(self, hour: Scalar, phase: Scalar, segment: Segments, clock: Clocks) -> Clocks:
         """Wait before segments: see :meth:`sidestep.walking.waits.Waits.seconds`."""
