@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sidestep.crowds.counts import CountTable, latest_counts
+from sidestep.crowds.counts import CountTable, LatestCounts, latest_counts
 from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.sensor_model import SensorModel
 from sidestep.crowds.sensors import CurrentCounts, SensorFlow
@@ -236,3 +236,87 @@ def test_crowds_of_sensors_go_on_from_the_latest_counts() -> None:
     assert after.record is None
     assert after.current.residual.tolist() == [pytest.approx(np.nan, nan_ok=True), pytest.approx(math.log(8) - LEVEL)]
     assert float(after.current.since) == 0.25
+
+
+# --- Hours that are not those of clocks -----------------------------------------------------------------------------
+
+
+def off_hour(residual, since, offset, start: float, sigma=SIGMA) -> SensorFlow:
+    """Counted in the hour from 12:00 and ``offset`` hours on, which ``since`` may be of each sensor."""
+    futures = flow(residual, 0.0, sigma=sigma)
+    assert start == pytest.approx(np.asarray(12.5 + np.asarray(offset) + since))
+    floats = (jnp.asarray(each, jnp.float32) for each in (since, offset))
+    return replace(futures, current=CurrentCounts(futures.current.residual, *floats))
+
+
+@pytest.mark.parametrize(
+    ("since", "offset", "start"),
+    [
+        (0.5, 0.25, 13.25),
+        (1.0, 1 / 3, 12.5 + 1 / 3 + 1),  # float32 has no third, and the hour must not slip
+        (1.9, 0.0, 14.4),
+        (np.array([0.5, 1.25]), np.array([0.75, 0.0]), 13.75),
+    ],
+)
+def test_what_was_counted_fades_from_the_middle_of_its_hour_on(since, offset, start: float) -> None:
+    residual = np.array([1.0, -0.5])
+    futures, quiet = (off_hour(residual, since, offset, start, sigma) for sigma in (SIGMA, HARDLY))
+
+    @jax.jit
+    def both(futures: SensorFlow, quiet: SensorFlow):
+        hours = jnp.full(CROWDS, start, jnp.float32)
+        drawn = [each.draw(jax.random.key(4), hours, SLOTS).counted for each in (futures, quiet)]
+        return futures.expected(hours[:1], SLOTS).counted[0], *drawn
+
+    mean, drawn, still = (np.asarray(each, np.float64) for each in both(futures, quiet))
+    begun = np.broadcast_to(since, 2)
+    for slot in (0, 5, 11, 30, 47):
+        for sensor, hours in enumerate(begun + (slot + 0.5) / HOUR):
+            assert mean[slot, sensor] == pytest.approx(expected(residual, hours)[sensor], rel=1e-4)
+            whole, part = divmod(hours, 1)
+            knots = PHI[sensor] ** whole * residual[sensor] * np.array([1, PHI[sensor]])
+            straight = (1 - part) * knots[0] + part * knots[1]
+            assert np.log1p(still[:, slot, sensor]).mean() - LEVEL == pytest.approx(straight, abs=1e-3)
+    logs = np.log1p(drawn)
+    for sensor, hours in enumerate(begun):  # at the next middle but one there is one normal number, as by hand
+        slot = int((math.ceil(hours) + 1 - hours) * HOUR)
+        after = hours + (slot + 0.5) / HOUR
+        part, fading = after % 1, PHI[sensor] ** int(after)
+        bridged = 1 - 2 * part * (1 - part) * (1 - PHI[sensor])
+        left = (bridged - (fading * (1 - part + part * PHI[sensor])) ** 2) * SIGMA[sensor] ** 2
+        assert logs[:, slot, sensor].var() == pytest.approx(left, rel=0.16)  # five standard errors
+
+
+def test_counts_are_held_against_the_expected_level_of_their_middle() -> None:
+    rising = replace(flow(None, 0.0).model, expected=jnp.arange(168.0)[:, None] * jnp.array([0.01, 0.02]))
+    before = replace(flow(None, 0.0), model=rising, current=None)
+    # Saturday 12:15 to 13:15 is a quarter of the way from hour 132 to 133; Sunday 23:45 on from 167 to 0.
+    one = before.going_on_from(LatestCounts(np.array([7.0, 7.0]), np.datetime64("2025-05-24T12:15"), 0.5))
+    assert one.current.residual == pytest.approx(math.log(8) - np.array([1.3225, 2.645]), rel=1e-5)
+    hour = np.array(["2025-05-24T12:15", "2025-05-25T23:45"], "datetime64[s]")
+    each = before.going_on_from(LatestCounts(np.array([7.0, np.nan]), hour, np.array([0.5, 0.25])))
+    assert each.current.residual[0] == one.current.residual[0]
+    assert each.current.offset.tolist() == [0.25, 0.75]
+    last = before.going_on_from(LatestCounts(np.array([7.0, 7.0]), hour, np.array([0.5, 0.25])))
+    assert float(last.current.residual[1]) == pytest.approx(math.log(8) - 0.25 * 3.34, rel=1e-5)
+
+
+def test_counts_tell_as_much_as_the_two_hours_of_theirs_vary() -> None:
+    # From 12:30 on, half of it in the hour that deviates by .4, half in one by .2: .3 by then.
+    sigma = np.full((24, 2), 0.2)
+    sigma[12] = 0.4
+    futures = off_hour([1.0, np.nan], -0.5, 0.5, 12.5, sigma)
+    futures = replace(futures, model=replace(futures.model, weekly=jnp.array([0.3, 0.0])), slot_seconds=3600.0)
+    found = np.asarray(futures.expected(jnp.full(1, 12.5), 1).counted)[0, 0, FIRST]
+    assert found == pytest.approx(np.expm1(LEVEL + 1), rel=1e-4)
+    ratio, then = futures._counted(futures.current, jnp.float32(12.5))
+    assert (ratio.tolist(), then.tolist()) == ([1, 0], pytest.approx([0.3, 0.3]))
+
+
+def test_counts_of_some_sensors() -> None:
+    hours = np.array(["2025-05-24T12:15", "2025-05-24T12:30"], "datetime64[s]")
+    own = LatestCounts(np.array([7.0, np.nan]), hours, np.array([0.5, 0.25])).of([1, 0, 0])
+    np.testing.assert_array_equal(own.counts, [np.nan, 7, 7])
+    assert (own.known, own.hour.tolist(), own.since.tolist()) == (2, hours[[1, 0, 0]].tolist(), [0.25, 0.5, 0.5])
+    same = LatestCounts(np.array([7.0, 8.0]), np.datetime64("2025-05-24T12"), 0.25).of([1])
+    assert (same.counts.tolist(), same.hour, same.since) == ([8], np.datetime64("2025-05-24T12"), 0.25)

@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from sidestep.crowds import repairs as fix
 from sidestep.crowds.count_files import positions_beside
@@ -82,7 +82,7 @@ class CountTable:
             No such sensor; the message lists those with a similar name.
         """
         if sensor not in self.sensors:
-            raise CountsError(_no_sensor(self.source, sensor, self.sensors), field=sensor)
+            raise CountsError(no_sensor(self.source, sensor, self.sensors), field=sensor)
         return self.counts[:, self.sensors.index(sensor)]
 
     def between(self, start: str | np.datetime64, end: str | np.datetime64) -> "CountTable":
@@ -217,19 +217,29 @@ def read_counts(path: str | os.PathLike[str], layout: Layout = RECOGNISED) -> Co
 
 @dataclass(frozen=True, eq=False)
 class LatestCounts:
-    """What sensors counted in the hour of a departure, or in the hour before."""
+    """What sensors counted in the hour of a departure, or in the hour before.
+
+    All sensors were counted in the same hour, or each in its own; such an hour need not begin as a clock's does.
+    """
 
     counts: Float[np.ndarray, " sensor"]
     """Persons/h; NaN where nothing was counted."""
-    hour: np.datetime64
+    hour: np.datetime64 | Shaped[np.ndarray, " sensor"]
     """Local wall time at which the counted hour starts."""
-    since: float
-    """Hours from the middle of the counted hour to the departure, from -1/2 to 3/2."""
+    since: float | Float[np.ndarray, " sensor"]
+    """Hours from the middle of the counted hour to the departure, from -1/2 to 3/2, or to 2 where counts come late."""
 
     @property
     def known(self) -> int:
         """Number of sensors with a count."""
         return int(np.isfinite(self.counts).sum())
+
+    def of(self, sensors: Sequence[int]) -> "LatestCounts":
+        """Those of some sensors, by number, in this order."""
+        at = np.asarray(sensors, np.int64)
+        hour = self.hour if isinstance(self.hour, np.datetime64) else self.hour[at]
+        since = self.since[at] if isinstance(self.since, np.ndarray) else self.since
+        return LatestCounts(self.counts[at], hour, since)
 
 
 def latest_counts(table: CountTable, sensors: Sequence[str], departure: datetime) -> LatestCounts:
@@ -257,7 +267,7 @@ def latest_counts(table: CountTable, sensors: Sequence[str], departure: datetime
     """
     for name in table.sensors:
         if name not in sensors:
-            raise CountsError(_no_sensor(table.source, name, sensors), field=name)
+            raise CountsError(no_sensor(table.source, name, sensors), field=name)
     hour, leaves = table.times[-1], np.datetime64(departure, "h")
     if hour not in (leaves, leaves - 1):
         found = f"the last counts are of the hour from {hour}:00"
@@ -271,8 +281,23 @@ def latest_counts(table: CountTable, sensors: Sequence[str], departure: datetime
     return latest
 
 
-def _no_sensor(source: str, sensor: str, sensors: Sequence[str]) -> str:
-    """What to say of a sensor that is not there, with similar names."""
+def no_sensor(source: str, sensor: str, sensors: Sequence[str]) -> str:
+    """What to say of a sensor that is not there, with similar names.
+
+    Parameters
+    ----------
+    source
+        Where the sensor is missing, or is named.
+    sensor
+        Its name.
+    sensors
+        The names of those that are there.
+
+    Returns
+    -------
+    str
+        One sentence.
+    """
     lower = {name.lower(): name for name in sensors}
     asked = sensor.strip().lower()
     similar = [name for key, name in lower.items() if asked and asked in key]

@@ -26,15 +26,28 @@ Levels = Float[Array, "slots sensor"]
 """Logarithms of one more than the count in persons/h, or what is added to them."""
 Lasting = Float[Array, "future sensor"]
 Residuals = Float[Array, "future knot sensor"]
+Knots = Int[Array, "slots #sensor"]
+"""Numbers of hours, the same for all sensors or each its own."""
+Since = Float[Array, "slots #sensor"]
+"""Hours, the same for all sensors or each its own."""
+
+
+def _full_hour() -> Scalar:
+    return jnp.zeros(())
 
 
 class CurrentCounts(eqx.Module):
-    """How the counts of one hour, just before or around a departure, differ from the expected ones."""
+    """How the counts of an hour, just before or around a departure, differ from the expected ones.
+
+    Sensors are counted in the same hour, or each in its own.
+    """
 
     residual: Sensors
     """log(1 + count) less its expected value in that hour; NaN where nothing was counted."""
-    since: Scalar
-    """Hours from the middle of the counted hour to clock 0, from -1/2 to 3/2."""
+    since: Scalar | Sensors
+    """Hours from the middle of the counted hour to clock 0, from -1/2 to 2."""
+    offset: Scalar | Sensors = eqx.field(default_factory=_full_hour)
+    """Hours from the full hour to the begin of the counted one, less than 1."""
 
 
 class SensorFlow(FlowModel):
@@ -75,7 +88,7 @@ class SensorFlow(FlowModel):
             if current is None:
                 return level + variance / 2
             log_density_ratio, sigma_then = self._counted(current, hours[0])
-            covariance = self._lasting + self._covariance(jnp.zeros(1), since) * sigma_then * sigma
+            covariance = self._lasting + self._covariance(jnp.zeros((1, 1)), since) * sigma_then * sigma
             covariance = jnp.where(jnp.isfinite(current.residual), covariance, 0.0)
             return level + _conditional_mean(log_density_ratio, self._lasting + sigma_then**2, covariance, variance)
 
@@ -93,9 +106,9 @@ class SensorFlow(FlowModel):
             lasting, residual = lasting * self.uneven, self._recorded(self.record, for_hours, hours, knots)
 
         def one(start: Scalar, lasting: Sensors, residual: Float[Array, "knot sensor"]) -> Levels:
-            _, hour, fraction = self._hours(start, jnp.arange(slots))
+            _, hour, fraction = self._knots(start, jnp.arange(slots))
             level, sigma = self._levels(start, jnp.arange(slots))
-            between = (1 - fraction)[:, None] * residual[hour] + fraction[:, None] * residual[hour + 1]
+            between = (1 - fraction) * _rows(residual, hour) + fraction * _rows(residual, hour + 1)
             return level + lasting + between * (sigma if self.record is None else 1.0)
 
         return self._field(jax.vmap(one)(hours, lasting, residual))
@@ -115,9 +128,15 @@ class SensorFlow(FlowModel):
 
     def going_on_from(self, latest: LatestCounts) -> "SensorFlow":
         """Simulated crowds that go on from the latest counts of all sensors."""
-        expected = np.asarray(self.model.expected)[hour_of_week(np.array([latest.hour]))[0]]
-        residual = jnp.asarray(np.log1p(latest.counts) - expected, jnp.float32)
-        return replace(self, current=CurrentCounts(residual, jnp.asarray(latest.since, jnp.float32)), record=None)
+        table, sensor = np.asarray(self.model.expected), np.arange(len(latest.counts))
+        begins = np.asarray(latest.hour)
+        whole = begins.astype("datetime64[h]")
+        offset = (begins - whole) / np.timedelta64(1, "h")
+        hour = hour_of_week(np.broadcast_to(whole, sensor.shape))
+        after = (hour + 1) % len(table)
+        expected = (1 - offset) * table[hour, sensor] + offset * table[after, sensor]
+        floats = (np.log1p(latest.counts) - expected, latest.since, offset)
+        return replace(self, current=CurrentCounts(*(jnp.asarray(each, jnp.float32) for each in floats)), record=None)
 
     @property
     def _lasting(self) -> Sensors:
@@ -126,14 +145,29 @@ class SensorFlow(FlowModel):
 
     def _counted(self, current: CurrentCounts, hour: Scalar) -> tuple[Sensors, Sensors]:
         """How current counts differ from the expected ones, 0 where there are none, and the residuals' sigma then."""
-        counted = jnp.round(hour - current.since - 0.5).astype(jnp.int32)
+        counted, sigma = self._counted_hour(current, hour), self.model.sigma
+        sensor = jnp.arange(sigma.shape[1])
+        before, after = sigma[counted % len(sigma), sensor], sigma[(counted + 1) % len(sigma), sensor]
         log_density_ratio = jnp.where(jnp.isfinite(current.residual), current.residual + self.uneven**2 / 2, 0.0)
-        return log_density_ratio, self.model.sigma[counted % len(self.model.sigma)]
+        return log_density_ratio, (1 - current.offset) * before + current.offset * after
+
+    @staticmethod
+    def _counted_hour(current: CurrentCounts, hour: Scalar) -> Int[Array, "*sensor"]:
+        """The full hour in which the counted one begins, where clock 0 is at an hour of the week."""
+        return jnp.round(hour - current.since - 0.5 - current.offset).astype(jnp.int32)
 
     def _hours(self, start: Scalar, slot: Slots) -> tuple[Index, Slots, Float[Array, " slots"]]:
         """The hour whose middle comes before clock 0, and whole hours and fractions from there to middles of slots."""
         middle = start + (slot + 0.5) * (self.slot_seconds / HOUR) - 0.5
         first = jnp.floor(start - 0.5)
+        hour = jnp.floor(middle - first)
+        return first.astype(jnp.int32), hour.astype(jnp.int32), middle - first - hour
+
+    def _knots(self, start: Scalar, slot: Slots) -> tuple[Int[Array, "*sensor"], Knots, Float[Array, "slots #sensor"]]:
+        """As :meth:`_hours`, but of hours that begin as the counted ones do: their middles have the drawn residuals."""
+        offset = 0.0 if self.current is None else self.current.offset
+        middle = (start + (slot + 0.5) * (self.slot_seconds / HOUR) - 0.5)[:, None] - offset
+        first = jnp.floor(start - 0.5 - offset)
         hour = jnp.floor(middle - first)
         return first.astype(jnp.int32), hour.astype(jnp.int32), middle - first - hour
 
@@ -147,19 +181,19 @@ class SensorFlow(FlowModel):
 
         return at(self.model.expected) - self.uneven**2 / 2, at(self.model.sigma)
 
-    def _since(self, start: Scalar, slot: Slots) -> Float[Array, " slots"]:
+    def _since(self, start: Scalar, slot: Slots) -> Since:
         """Hours from the first drawn residual to the middles of slots."""
         # Residuals are drawn at the middles of hours and linear in between. The first is that of the hour whose middle
         # comes before clock 0, or that of the counted hour, before which residuals are as counted.
         if self.current is None:
             _, hour, fraction = self._hours(start, slot)
-            return hour + fraction
-        return jnp.maximum(self.current.since + (slot + 0.5) * (self.slot_seconds / HOUR), 0.0)
+            return (hour + fraction)[:, None]
+        return jnp.maximum(self.current.since + ((slot + 0.5) * (self.slot_seconds / HOUR))[:, None], 0.0)
 
-    def _covariance(self, early: Float[Array, " #slots"], late: Float[Array, " slots"]) -> Levels:
+    def _covariance(self, early: Float[Array, "#slots #sensor"], late: Since) -> Levels:
         """Covariance of residuals at two times (in hours since the first) in units of their standard deviations."""
         first, second = jnp.floor(early), jnp.floor(late)
-        begun, passed, apart = ((early - first)[:, None], (late - second)[:, None], (second - first)[:, None])
+        begun, passed, apart = early - first, late - second, second - first
         # Each of the two drawn residuals around one time with each around the other: phi to the power of hours between.
         phi = self.model.phi
         same = (1 - begun) * (1 - passed) + begun * passed
@@ -182,8 +216,9 @@ class SensorFlow(FlowModel):
         if current is None:
             return lasting, chain
         # The chain begins at the hour that was counted. Before its middle, residuals are as counted.
-        after = jnp.arange(knots) + jnp.floor(current.since).astype(jnp.int32)
-        return lasting, chain[:, jnp.clip(after, 0, steps - 1)]
+        first_knot, _, _ = self._knots(hours[0], jnp.arange(1))
+        after = jnp.arange(knots)[:, None] + (first_knot - self._counted_hour(current, hours[0]))
+        return lasting, jax.vmap(_rows, (0, None))(chain, jnp.clip(after, 0, steps - 1))
 
     @staticmethod
     def _recorded(record: Float[Array, "week 168 sensor"], key: Key[Array, ""], hours: Hours, knots: int) -> Residuals:
@@ -199,6 +234,13 @@ class SensorFlow(FlowModel):
 
     def _field(self, level: Float[Array, "future slot sensor"]) -> SensedField:
         return SensedField(self._density(level), self.weights, self.slot_seconds)
+
+
+def _rows(table: Float[Array, "knot sensor"], row: Knots) -> Levels:
+    """What a table has in some rows, the same for all sensors or each its own."""
+    if row.shape[1] == 1:
+        return table[row[:, 0]]
+    return jnp.take_along_axis(table, row, axis=0)
 
 
 def _conditional_mean(

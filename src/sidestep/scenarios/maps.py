@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, UInt32
 from sidestep.arguments import INDEX, SEED, checked, instance
 from sidestep.compilation import keep_compiled
 from sidestep.crowds.base import FlowModel
-from sidestep.crowds.counts import CountTable, latest_counts
+from sidestep.crowds.counts import CountTable, LatestCounts, latest_counts
 from sidestep.errors import SidestepError
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
@@ -367,8 +367,35 @@ def with_live_counts(scenario_map: ScenarioMap, table: CountTable, departure: da
         Crowds that are not known from sensors; sensors that the place does not have, counts of another hour than that
         of the departure or the one before it, no count at all.
     """
-    names = list(dict.fromkeys(scenario_map.sensors))
-    latest = latest_counts(table, names, departure)
-    counts = latest.counts[[names.index(name) for name in scenario_map.sensors]]
-    flow = scenario_map.flow.going_on_from(replace(latest, counts=counts))
-    return replace(scenario_map, flow=flow, test_flow=flow), latest.known
+    latest = latest_counts(table, sensor_names(scenario_map), departure)
+    return with_latest_counts(scenario_map, latest), latest.known
+
+
+def sensor_names(scenario_map: ScenarioMap) -> list[str]:
+    """The names of a map's sensors, each once: one may stand in several places."""
+    return list(dict.fromkeys(scenario_map.sensors))
+
+
+def with_latest_counts(scenario_map: ScenarioMap, latest: LatestCounts) -> ScenarioMap:
+    """A map whose crowds go on from the latest counts.
+
+    Parameters
+    ----------
+    scenario_map
+        The map.
+    latest
+        Of the sensors in the order of :func:`sensor_names`.
+
+    Returns
+    -------
+    ScenarioMap
+        The same map with other crowds.
+
+    Raises
+    ------
+    CountsError
+        Crowds that are not known from sensors.
+    """
+    names = sensor_names(scenario_map)
+    flow = scenario_map.flow.going_on_from(latest.of([names.index(name) for name in scenario_map.sensors]))
+    return replace(scenario_map, flow=flow, test_flow=flow)
