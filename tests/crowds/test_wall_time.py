@@ -1,6 +1,6 @@
 """Wall times: offsets, hours that clocks skip, and hours that they show twice."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ import pytest
 from sidestep.crowds.wall_time import (
     TimezoneError,
     clock_changes,
+    instant,
     local_time,
     timezone_of,
     timezones_going_back,
@@ -99,3 +100,34 @@ def test_instants_as_the_clock_shows_them() -> None:
 
 def test_names() -> None:
     assert timezone_of("Asia/Kolkata").key == "Asia/Kolkata"
+
+
+@pytest.mark.parametrize(
+    ("time", "timezone", "utc"),
+    [
+        ("2025-05-24T12:30", HELSINKI, "2025-05-24T09:30"),
+        ("2025-05-24T12:30+02:00", HELSINKI, "2025-05-24T10:30"),
+        ("2025-10-26T03:30+02:00", HELSINKI, "2025-10-26T01:30"),  # twice there, but this is one of them
+        ("2025-05-24T12:30", None, "2025-05-24T12:30"),
+    ],
+)
+def test_instants(time: str, timezone: str | None, utc: str) -> None:
+    found = instant(datetime.fromisoformat(time), timezone)
+    assert (found, found.tzinfo) == (datetime.fromisoformat(utc + "Z"), UTC)
+
+
+@pytest.mark.parametrize(
+    ("time", "timezone"),
+    [
+        ("2025-03-30T03:30", HELSINKI),  # skipped
+        ("2025-10-26T03:30", HELSINKI),  # twice
+        ("2025-05-24T12:30Z", None),
+        ("0001-01-01T00:00+14:00", HELSINKI),
+        ("0001-01-01T00:00", HELSINKI),
+        ("9999-12-31T23:59", "Pacific/Honolulu"),
+    ],
+)
+def test_instants_that_nobody_knows(time: str, timezone: str | None) -> None:
+    with pytest.raises(TimezoneError) as caught:
+        instant(datetime.fromisoformat(time), timezone)
+    assert caught.value.field == "time"

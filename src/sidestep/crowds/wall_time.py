@@ -99,6 +99,48 @@ def local_time(time: datetime, timezone: str | None) -> datetime:
     return time.replace(fold=0)
 
 
+def instant(time: datetime, timezone: str | None) -> datetime:
+    """Turn a time that something happened at into UTC.
+
+    Parameters
+    ----------
+    time
+        With an offset; or without one: then it is local wall time.
+    timezone
+        IANA name of the place's timezone; None: not known, and its clocks are taken to show UTC.
+
+    Returns
+    -------
+    datetime
+        In UTC.
+
+    Raises
+    ------
+    TimezoneError
+        A time with an offset where no timezone is known; a time without one that the clock skips in spring or shows
+        twice in autumn, since nobody knows which of the two is meant; an unknown timezone.
+
+    Examples
+    --------
+    >>> from datetime import datetime
+    >>> from sidestep.crowds.wall_time import instant
+    >>> instant(datetime.fromisoformat("2025-05-24T12:30"), "Europe/Helsinki").isoformat()
+    '2025-05-24T09:30:00+00:00'
+    """
+    if time.tzinfo is None and timezone is not None:
+        zone = timezone_of(timezone)
+        if turned(time, zone) < 0:
+            said = f"{time.isoformat(timespec='minutes')} is twice in {timezone}: clocks go back over it"
+            raise TimezoneError(f"{said}; give the time with its UTC offset, or in UTC", field="time")
+        time = local_time(time, timezone).replace(tzinfo=zone)
+    elif time.tzinfo is None or timezone is None:
+        return local_time(time, timezone).replace(tzinfo=UTC)
+    try:
+        return time.astimezone(UTC)
+    except OverflowError as error:
+        raise TimezoneError(f"{time.isoformat()} is out of range", field="time") from error
+
+
 def later_time(time: datetime, seconds: float, timezone: str | None) -> datetime:
     """The wall time some seconds after another one, or before it.
 
