@@ -1,0 +1,149 @@
+"""Databases: files of SQLite, and a cluster of Debian's PostgreSQL that lives as long as the tests."""
+
+import os
+import pwd
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psycopg
+import pytest
+
+from sidestep.server.store import Store
+
+OWNER = "nobody"  # PostgreSQL refuses to run as root
+
+
+@dataclass
+class Cluster:
+    """A PostgreSQL server of its own."""
+
+    programs: Path
+    folder: Path
+    """Has the data and the socket, whose path must be short."""
+    port: int
+    user: str | None
+    """Who runs it; None: whoever runs the tests."""
+    process: subprocess.Popen | None = None
+    databases: int = 0
+
+    @property
+    def options(self) -> dict:
+        if self.user is None:
+            return {}
+        return {"user": self.user, "group": pwd.getpwnam(self.user).pw_gid, "extra_groups": []}
+
+    def init(self) -> None:
+        command = ["initdb", "--pgdata", "data", "--no-sync", "--auth", "trust", "--username", "sidestep"]
+        self.run(*command, "--encoding", "UTF8", "--locale", "C")
+
+    def run(self, program: str, *args: str) -> None:
+        done = subprocess.run(
+            [self.programs / program, *args], cwd=self.folder, capture_output=True, text=True, **self.options
+        )
+        assert done.returncode == 0, done.stderr
+
+    def start(self) -> None:
+        settings = {"listen_addresses": "127.0.0.1", "port": self.port, "unix_socket_directories": self.folder}
+        with (self.folder / "log").open("a") as log:
+            self.process = subprocess.Popen(
+                [self.programs / "postgres", "-D", "data", *(f"--{key}={value}" for key, value in settings.items())],
+                cwd=self.folder, stdout=log, stderr=log, **self.options,
+            )  # fmt: skip
+        until = time.monotonic() + 60
+        while True:
+            try:
+                psycopg.connect(self.url("postgres"), connect_timeout=5).close()
+            except psycopg.OperationalError:
+                if self.process.poll() is not None or time.monotonic() > until:
+                    pytest.fail((self.folder / "log").read_text()[-2000:])
+                time.sleep(0.05)
+            else:
+                return
+
+    def stop(self, how: signal.Signals = signal.SIGINT) -> None:
+        """SIGINT: connections are cut."""
+        if self.process is not None:
+            self.process.send_signal(how)
+            self.process.wait(60)
+            self.process = None
+
+    def url(self, database: str) -> str:
+        return f"postgresql://sidestep@127.0.0.1:{self.port}/{database}"
+
+    def new_database(self) -> str:
+        self.databases += 1
+        name = f"town{self.databases}"
+        with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
+            connection.execute(f"CREATE DATABASE {name}")
+        return self.url(name)
+
+
+def _programs() -> Path | None:
+    """Where initdb and postgres are, of the latest version."""
+    found = [path.parent for path in Path("/usr/lib/postgresql").glob("*/bin/initdb")]
+    if (on_path := shutil.which("initdb")) is not None:
+        found.append(Path(on_path).parent)
+    return max(found, key=lambda path: path.parent.name.zfill(4)) if found else None
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[Cluster]:
+    """A server that runs; each process of a run has its own."""
+    programs = _programs()
+    if programs is None:
+        reason = "PostgreSQL is not there: apt-get install --no-install-recommends postgresql"
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+    folder = Path(tempfile.mkdtemp(prefix="sidestep-"))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    user = OWNER if os.geteuid() == 0 else None
+    if user is not None:
+        os.chown(folder, pwd.getpwnam(user).pw_uid, pwd.getpwnam(user).pw_gid)
+    cluster = Cluster(programs, folder, port, user)
+    try:
+        cluster.init()
+        cluster.start()
+        yield cluster
+    finally:
+        cluster.stop()
+        shutil.rmtree(folder)
+
+
+@dataclass
+class Database:
+    """An empty database, and how to take it away."""
+
+    url: str
+    kind: str
+    go: Callable[[], None]
+    come_back: Callable[[], None]
+    opened: list[Store] = field(default_factory=list)
+
+    def open(self, **options) -> Store:
+        self.opened.append(Store(self.url, **options))
+        return self.opened[-1]
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(request, tmp_path: Path) -> Iterator[Database]:
+    if request.param == "sqlite":
+        file, away = tmp_path / "a town's.db", tmp_path / "away"
+        made = Database(f"sqlite:///{file}", "sqlite", lambda: file.rename(away), lambda: away.rename(file))
+    else:
+        cluster = request.getfixturevalue("postgresql")
+        made = Database(cluster.new_database(), "postgresql", cluster.stop, cluster.start)
+    yield made
+    for store in made.opened:
+        store.close()
+
+
+@pytest.fixture
+def store(database: Database) -> Store:
+    return database.open()
