@@ -61,6 +61,7 @@ def kill_writers(database, kills: int, rng: random.Random, crash: Callable[[], N
         assert not lost, f"killed {pause:.4f} s after the first: {lost}"
         later = [key for key, number in stored.items() if number > acknowledged.get(key, 0.0)]
         assert len(later) <= 2 * 4
+        acknowledged |= stored
         first = int(max(stored.values())) + 1
         # The next writer waits for nobody.
         began = time.monotonic()
