@@ -1,17 +1,21 @@
 """Walks in venues: between which places, at which hours, through which futures, and what learns them."""
 
+from datetime import datetime
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from sidestep.agent.presets import preset_for
+from sidestep.crowds.counts import CountTable
+from sidestep.crowds.live import LiveCount, latest
 from sidestep.evaluation.compare import compare
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import check_paths, destinations_of, instances, random_destinations, sampler
 from sidestep.scenarios.futures import make_environment
-from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.maps import draw_map, sensor_names, with_latest_counts, with_live_counts
 from sidestep.scenarios.spec import ScenarioError
 
 HELSINKI = scenario("helsinki", horizon=1200.0, departures=(0.0, 300.0))
@@ -128,3 +132,27 @@ def test_a_comparison_walks_between_the_venues_places(somewhere) -> None:
     walked = compare(problem, chosen, maps=[0], walks=5).records["shortest-path"]
     assert walked.minutes.shape == (1, 5)
     assert (walked.minutes > 0).all()
+
+
+def test_live_counts_of_whole_hours_are_those_of_a_file(place) -> None:
+    names, now = sensor_names(place), datetime.fromisoformat("2025-05-24T09:45Z")
+    assert len(names) == len(set(names)) < len(place.sensors)  # most stand in several places
+    hours = np.array(["2025-05-24T11"], "datetime64[h]")
+    table = CountTable(hours, (names[3], names[0]), np.array([[900.0, 70.0]]), None, (), "")
+    file, known = with_live_counts(place, table, datetime.fromisoformat("2025-05-24T12:45"))
+    hour = now.replace(hour=8, minute=0)
+    posted = [LiveCount(names[0], hour, 3600.0, 70.0), LiveCount(names[3], hour, 3600.0, 900.0)]
+    found = latest(posted, names, now, "Europe/Helsinki")
+    live = with_latest_counts(place, found)
+    assert (known, found.known) == (2, 2)
+
+    @jax.jit
+    def expected(flow):
+        return flow.expected(jnp.full(1, 132.75), 12).counted[0]
+
+    same, without = np.asarray(expected(file.flow)), np.asarray(expected(place.flow))
+    np.testing.assert_allclose(np.asarray(expected(live.flow)), same, rtol=1e-6)
+    counted = np.isin(place.sensors, (names[0], names[3]))
+    np.testing.assert_allclose(same[:, ~counted], without[:, ~counted], rtol=1e-6)
+    assert (same[:, counted] != without[:, counted]).all()
+    assert live.test_flow is live.flow

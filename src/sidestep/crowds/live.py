@@ -219,9 +219,12 @@ def latest(
     found = [_in_last_hour(list(mine[name].values()), now) for name in sensors]
     if not any(found):
         return None
-    rates, middles = zip(*(each or (math.nan, now) for each in found), strict=True)
-    begins = [_wall(middle, timezone) - HOUR / 2 for middle in middles]
-    since = [(now - middle) / HOUR for middle in middles]
+    half, here = HOUR / 2, _wall(now, timezone)
+    # Hours of sensors that are not known are those of clocks: crowds are then as if nothing had been counted.
+    full = (here - half).replace(minute=0, second=0, microsecond=0)
+    unknown = math.nan, full, (here - half - full) / HOUR
+    known = ((rate, _wall(middle, timezone) - half, (now - middle) / HOUR) for rate, middle in filter(None, found))
+    rates, begins, since = zip(*(next(known) if each else unknown for each in found), strict=True)
     return LatestCounts(np.array(rates), np.array(begins, "datetime64[us]"), np.array(since))
 
 

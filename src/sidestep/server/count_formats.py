@@ -1,7 +1,7 @@
 """Counts as they are posted: JSON, CSV and NGSI-LD. docs/live-counts.md says what each of them must have.
 
-Types are checked here; :func:`~sidestep.crowds.live.check_counts` knows what else a count must be. Either all counts of a
-body are understood, or none is.
+Types are checked here, and everything else by :func:`~sidestep.crowds.live.check_counts`. Either all counts of a body
+are understood, or none is.
 """
 
 import csv
