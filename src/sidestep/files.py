@@ -80,6 +80,15 @@ def own_cache(name: str) -> Path:
     return Path(home) / "sidestep" / name
 
 
+def own_data(name: str) -> Path:
+    """The folder in which something is kept for this user that must not get lost."""
+    try:
+        home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    except RuntimeError as error:
+        raise OutputError(f"cannot keep {name}: there is no home folder; set XDG_DATA_HOME", field="store") from error
+    return Path(home) / "sidestep" / name
+
+
 def private_folder(path: Path) -> Path:
     """Make sure that a folder is its user's, and that nobody else can write to it; it is made if it is missing.
 

@@ -18,7 +18,6 @@ from sidestep.network.formats import save_town
 from sidestep.network.snapping import StreetPoint
 from sidestep.network.town import Town, TownError
 from sidestep.routing.clocks import TownClock, town_clock
-from sidestep.routing.quick import QuickRouter
 from sidestep.routing.request import RouteError, read_departure
 from sidestep.routing.router import Router
 from sidestep.scenarios.model import Scenario

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from typing import ClassVar, Literal
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
 from sidestep.crowds.counts import CountsError, LatestCounts
@@ -109,6 +110,10 @@ class FlowModel(eqx.Module):
     @abstractmethod
     def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:
         """Mean counts in slot number ``slot`` and those after it, given the counts ``now`` in this slot."""
+
+    def expected_counts(self, hour: float) -> Float[np.ndarray, " counter"]:  # noqa: ARG002 - for models of sensors
+        """Persons/h that each sensor is expected to count at an hour of the week; none where there are no sensors."""
+        return np.zeros(0)
 
     def on_pieces(self, parent: Int[Array, " piece"], fraction: Float[Array, " piece"]) -> "FlowModel":  # noqa: ARG002
         """Crowds as dense on pieces of the segments, each a ``fraction`` of the length of its ``parent``.

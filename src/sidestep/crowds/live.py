@@ -12,7 +12,7 @@ import numpy as np
 
 from sidestep.crowds.count_entries import LARGEST_COUNT
 from sidestep.crowds.counts import CountsError, LatestCounts, no_sensor
-from sidestep.crowds.wall_time import local_time
+from sidestep.crowds.wall_time import local_time, timezone_of
 
 HOUR = timedelta(hours=1)
 SHORTEST, LONGEST = timedelta(minutes=1), HOUR
@@ -70,6 +70,34 @@ class LiveCount:
     def ends(self) -> datetime:
         """End of the interval."""
         return self.begins + timedelta(seconds=self.seconds)
+
+
+@dataclass(frozen=True)
+class LiveCounts:
+    """What the sensors of a place counted lately: crowds of departures soon go on from there."""
+
+    counts: tuple[LiveCount, ...]
+    """As :func:`latest` takes them."""
+    timezone: str | None
+    """IANA name of the place's timezone; None: not known."""
+
+    def latest(self, sensors: Sequence[str], departure: datetime) -> LatestCounts | None:
+        """What crowds go on from that walkers meet who set out at a local time; see :func:`latest`.
+
+        Parameters
+        ----------
+        sensors
+            Names of the place's sensors.
+        departure
+            Local wall time; of an hour that the clock shows twice the first is taken.
+
+        Returns
+        -------
+        LatestCounts or None
+            None where no sensor is known any more.
+        """
+        zone = UTC if self.timezone is None else timezone_of(self.timezone)
+        return latest(self.counts, sensors, departure.replace(tzinfo=zone), self.timezone)
 
 
 def check_counts(counts: Sequence[LiveCount], sensors: Collection[str], now: datetime) -> None:

@@ -18,6 +18,7 @@ from sidestep.crowds.counts import LatestCounts
 from sidestep.crowds.interpolation import InterpolationWeights
 from sidestep.crowds.profile import HOURS_OF_WEEK, hour_of_week
 from sidestep.crowds.sensor_model import SensorModel
+from sidestep.programs import on_device, program
 
 HOUR = 3600.0
 
@@ -122,6 +123,9 @@ class SensorFlow(FlowModel):
         log_density_ratio = jnp.log1p(now / self.per_count) - level[0]
         covariance = self._lasting + self._covariance(since[:1], since) * sigma[0] * sigma
         return self._density(level + _conditional_mean(log_density_ratio, variance[0], covariance, variance))
+
+    def expected_counts(self, hour: float) -> Float[np.ndarray, " counter"]:
+        return np.asarray(_expected_density(self, on_device(np.array([hour])))) / np.asarray(self.per_count)
 
     def on_pieces(self, parent: Int[Array, " piece"], _fraction: Float[Array, " piece"]) -> "SensorFlow":
         return replace(self, weights=self.weights.of(parent))
@@ -234,6 +238,12 @@ class SensorFlow(FlowModel):
 
     def _field(self, level: Float[Array, "future slot sensor"]) -> SensedField:
         return SensedField(self._density(level), self.weights, self.slot_seconds)
+
+
+@program()
+def _expected_density(flow: SensorFlow, hours: Hours) -> Sensors:
+    """Mean densities in the first slot from the only hour on."""
+    return flow.expected(hours, 1).counted[0, 0]
 
 
 def _rows(table: Float[Array, "knot sensor"], row: Knots) -> Levels:

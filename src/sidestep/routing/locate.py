@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from sidestep.crowds.counts import CountTable, read_counts
+from sidestep.crowds.live import LiveCounts
 from sidestep.network.graph import ABSENT
 from sidestep.network.polygons import read_polygons
 from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
@@ -20,7 +21,7 @@ from sidestep.routing.located import Located, LocatedInTown, NodeEnd
 from sidestep.routing.paces import Paces
 from sidestep.routing.places import AskedPlace
 from sidestep.routing.request import NO_COORDINATES, Area, Counts, Departure, Place, RouteError, at_fault, called
-from sidestep.scenarios.maps import ScenarioMap, with_live_counts
+from sidestep.scenarios.maps import ScenarioMap, sensor_names, with_latest_counts, with_live_counts
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Grid, Venue
 from sidestep.scenarios.streets import walked_streets, walker_facts
@@ -201,8 +202,12 @@ class TownLocator:
         self._sensors = len(set(scenario_map.sensors)) or None
         self.paces = Paces(scenario_map)
 
+    def clock(self, depart: Departure | None, field: str) -> TownClock:
+        """Let clock 0 be a departure (:func:`sidestep.routing.clocks.town_clock`)."""
+        return town_clock(self._venue, self._map.flow, depart, field)
+
     def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> LocatedInTown:
-        departs = town_clock(self._venue, self._map.flow, given.depart, given.field)
+        departs = self.clock(given.depart, given.field)
         before = covered_before(departs, self._map.flow, self._scenario) if given.lookback else 0.0
         start = departs.earlier(before)
         latest = before + (given.window if given.until is None else departs.clock(given.until, "until"))
@@ -234,7 +239,7 @@ class TownLocator:
             scenario=self._scenario.changed(departures=(0.0, window)),
             scenario_map=here,
             start=start,
-            paces=self.paces if given.live is None else None,
+            paces=self.paces if counted is None else None,
             clock=before,
             latest=latest,
             streets=streets,
@@ -287,6 +292,9 @@ class TownLocator:
         """The same crowds, but going on from current counts, and the number of sensors that these are of."""
         if (live := given.live) is None:
             return here, None
+        if isinstance(live, LiveCounts):
+            latest = None if start.date is None else live.latest(sensor_names(here), start.date)
+            return (here, None) if latest is None else (with_latest_counts(here, latest), latest.known)
         if self._sensors is None:
             said = f"live counts are of sensors, but the crowds of {self._scenario.name} come from a table"
             raise RouteError(said, field="live")

@@ -13,6 +13,7 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 
 from sidestep.crowds.counts import CountTable
+from sidestep.crowds.live import LiveCounts
 from sidestep.crowds.wall_time import DAYS
 from sidestep.errors import SidestepError
 from sidestep.planners.base import Planner
@@ -22,8 +23,8 @@ T = TypeVar("T")
 Place = int | tuple[float, float]
 """A node, by its number; or, in towns, latitude and longitude in degrees."""
 
-Counts = CountTable | Path | str
-"""A table of counts, or its CSV file."""
+Counts = CountTable | LiveCounts | Path | str
+"""A table of counts, or its CSV file; or what sensors counted lately."""
 
 Area = Path | str | dict[str, Any]
 """A GeoJSON file of polygons, or its content."""
@@ -230,7 +231,7 @@ def check_files(*, live: object = None, avoid: object = None) -> None:
     RouteError
         With the field ``live`` or ``avoid``.
     """
-    if not isinstance(live, (CountTable, Path, str, NoneType)):
+    if not isinstance(live, (CountTable, LiveCounts, Path, str, NoneType)):
         raise RouteError(f"live must be a file of counts or a CountTable, not {live!r:.60}", field="live")
     if not isinstance(avoid, (Path, str, dict, NoneType)):
         raise RouteError(f"avoid must be a GeoJSON file or its content as a dict, not {avoid!r:.60}", field="avoid")

@@ -1,17 +1,24 @@
 """Planning many routes through one place from one process."""
 
 from collections.abc import Sequence
+from datetime import datetime
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from jaxtyping import Float
+
 from sidestep.arguments import INDEX, PATH, SEED, checked, instance
 from sidestep.crowds.base import FlowModel
+from sidestep.crowds.live import LiveCounts
+from sidestep.crowds.profile import time_of_week
 from sidestep.planners.base import Planner
 from sidestep.planners.registry import BASELINE, find_planner
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Expected
+from sidestep.routing.clocks import TownClock
 from sidestep.routing.crowds import StreetCrowds, street_crowds
 from sidestep.routing.departures import DepartureWindow, departure_window, latest_departure
 from sidestep.routing.isochrone import Isochrone, isochrone
@@ -41,7 +48,7 @@ from sidestep.routing.request import (
 )
 from sidestep.routing.street_times import Tables
 from sidestep.routing.walks import Walker, planned
-from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.maps import draw_map, sensor_names, with_latest_counts
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.reader import find_scenario
 
@@ -99,6 +106,7 @@ class Router:
         self._map = draw_map(self.scenario, seed, index)
         self._locate = locator(self.scenario, self._map)
         self._learned: Learned | None = None
+        self._live: LiveCounts | None = None
         if model is None:
             return
         from sidestep.planners import learned  # what agents learn with takes long to import
@@ -164,7 +172,7 @@ class Router:
         check_request(request)
         if request.arrive_by is None:
             given = Circumstances(
-                depart=request.depart, live=request.live, avoid=request.avoid, exclude=request.exclude
+                depart=request.depart, live=self._lately(request.live), avoid=request.avoid, exclude=request.exclude
             )
             located = self._between(request.origin, request.destination, given)
             return planned(Walker(located, self._planner(request.planner, located), request.futures), request)
@@ -223,7 +231,11 @@ class Router:
             check_minutes("step", step)
         check_files(live=live, avoid=avoid)
         given = Circumstances(
-            depart=read_departure(depart), live=live, avoid=avoid, until=read_departure(until, "until"), window=WINDOW
+            depart=read_departure(depart),
+            live=self._lately(live),
+            avoid=avoid,
+            until=read_departure(until, "until"),
+            window=WINDOW,
         )
         located = self._between(read_place("origin", origin), read_place("destination", destination), given)
         deadline = read_departure(arrive_by, "arrive_by")
@@ -267,7 +279,7 @@ class Router:
         check_count("futures", futures)
         check_files(live=live, avoid=avoid)
         check_list("minutes", minutes)
-        given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
+        given = Circumstances(depart=read_departure(depart), live=self._lately(live), avoid=avoid)
         located = self._locate.locate([AskedPlace("origin", read_place("origin", origin))], given)
         return isochrone(located, self._search(planner), minutes, futures)
 
@@ -306,7 +318,7 @@ class Router:
         check_files(live=live, avoid=avoid)
         froms = read_places("origins", origins)
         asked = froms if destinations is None else [*froms, *read_places("destinations", destinations)]
-        given = Circumstances(depart=read_departure(depart), live=live, avoid=avoid)
+        given = Circumstances(depart=read_departure(depart), live=self._lately(live), avoid=avoid)
         located = self._locate.locate(asked, given)
         return time_matrix(located, self._search(planner), len(froms), square=destinations is None, futures=futures)
 
@@ -332,13 +344,75 @@ class Router:
         """
         check_files(live=live)
         return street_crowds(
-            self._locate.locate([], Circumstances(depart=read_departure(at, "at"), live=live, field="at"))
+            self._locate.locate([], Circumstances(depart=read_departure(at, "at"), live=self._lately(live), field="at"))
         )
+
+    def clock(self, departure: Departure | None) -> TownClock:
+        """Let clock 0 be a departure in a town.
+
+        Parameters
+        ----------
+        departure
+            By default the first usual hour.
+
+        Returns
+        -------
+        TownClock
+            The clock.
+
+        Raises
+        ------
+        RouteError
+            A departure of which crowds know nothing (field ``depart``).
+        """
+        return self._in_town.clock(departure, "depart")
 
     @property
     def flow(self) -> FlowModel:
         """The crowds."""
         return self._map.flow
+
+    def expected_counts(self, now: datetime) -> Float[np.ndarray, " sensor"]:
+        """Persons/h that each sensor is expected to count at a local time, in the order of their names."""
+        counted = self._map.flow.expected_counts(time_of_week(now))
+        return counted[[self._map.sensors.index(name) for name in sensor_names(self._map)]]
+
+    def go_on_from(self, live: LiveCounts, now: datetime) -> int:
+        """From now on, let crowds of departures soon go on from what sensors counted lately.
+
+        Meanwhile other threads are answered from what was known before.
+
+        Parameters
+        ----------
+        live
+            The counts.
+        now
+            Local wall time.
+
+        Returns
+        -------
+        int
+            Number of sensors that are known; with 0 crowds are as expected.
+
+        Raises
+        ------
+        SidestepError
+            Crowds that are not known from sensors (field ``live``), or not known now.
+        """
+        latest = live.latest(sensor_names(self._map), now)
+        if latest is None:
+            self._live = None
+            self.quick.tables.forget_counts()
+            return 0
+        with at_fault("live"):
+            flow = with_latest_counts(self._map, latest).flow
+        self.quick.tables.go_on_from(flow, self.clock(now))
+        self._live = live
+        return latest.known
+
+    def _lately(self, given: Counts | None) -> Counts | None:
+        """The counts that are given, or those that the router goes on from."""
+        return self._live if given is None else given
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -354,10 +428,15 @@ class Router:
         RouteError
             On grids, which have no coordinates (field ``format``).
         """
-        locate = self._locate
-        if not isinstance(locate, TownLocator):
-            raise RouteError(NO_COORDINATES, field="format")
-        return QuickRouter(self._map, locate.snapper, Tables(self.scenario, self._map, locate.paces))
+        town = self._in_town
+        return QuickRouter(self._map, town.snapper, Tables(self.scenario, self._map, town.paces))
+
+    @property
+    def _in_town(self) -> TownLocator:
+        """Locates requests in a town; RouteError (field ``format``) on grids, which have no coordinates."""
+        if isinstance(self._locate, TownLocator):
+            return self._locate
+        raise RouteError(NO_COORDINATES, field="format")
 
     def _between(self, origin: Place | None, destination: Place | None, given: Circumstances) -> Located:
         """Locate a walk from one place to another, which a path must connect."""

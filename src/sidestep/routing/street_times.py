@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.profile import HOURS_OF_WEEK
+from sidestep.crowds.wall_time import seconds_between
 from sidestep.environment.crossing import as_expected
 from sidestep.environment.types import EnvParams
 from sidestep.network.graph import RoadNetwork
@@ -246,7 +247,7 @@ class Tables:
         live = self._live
         if live is not None and clock.date is not None:
             begins, table = live
-            if 0 <= (ahead := begins.clock(clock.date, "depart")) <= AHEAD:
+            if begins.date is not None and 0 <= (ahead := seconds_between(begins.date, clock.date, None)) <= AHEAD:
                 return table, ahead
         hour = clock.hour
         middle = (math.floor(hour - 0.5) + 0.5) % HOURS_OF_WEEK

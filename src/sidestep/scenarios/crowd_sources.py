@@ -33,6 +33,7 @@ from sidestep.scenarios.builtin import AUCKLAND_SENSORS
 from sidestep.scenarios.places import Counters, CrowdTable, Sensor, Venue
 from sidestep.scenarios.spec import ScenarioError
 from sidestep.scenarios.stations import nearest, stations
+from sidestep.scenarios.streets import town_of
 from sidestep.scenarios.table_crowds import table_flow
 from sidestep.walking.speed_laws import FREE_SPEED, Law
 
@@ -87,6 +88,33 @@ def standing_sensors(table: CountTable, snapper: Snapper) -> tuple[Sensor, ...]:
             else:
                 found.append(Sensor(name=name, place=(latitude, longitude)))
     return tuple(found)
+
+
+def sensor_places(venue: Venue) -> list[tuple[str, float, float]]:
+    """Where the sensors of a venue stand.
+
+    Parameters
+    ----------
+    venue
+        The place.
+
+    Returns
+    -------
+    list
+        Name, latitude and longitude in degrees, in the middle of the street; once for each street that a sensor is
+        paired with. None of venues whose crowds come from a table.
+    """
+    source = venue.crowd_source
+    if not isinstance(source, Counters):
+        return []
+    town = town_of(venue.streets)
+    sensors = source.sensors or tuple(Sensor(name=name) for name in counts_of(source.file, venue.layout).sensors)
+    every = sensors * source.streets_per_sensor
+    found = []
+    for sensor, street in zip(every, stations(Snapper(town), town.network(), every, source.pairing), strict=True):
+        longitude, latitude = town.course(int(street))[len(town.course(int(street))) // 2].tolist()
+        found.append((sensor.name, *(sensor.place or (latitude, longitude))))
+    return found
 
 
 def _table_of(file: str, town: Town) -> TableData:

@@ -1,9 +1,16 @@
 """The HTTP API: which paths there are, and who answers."""
 
 import asyncio
+import logging
 import os
+import signal
+import threading
+import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from datetime import UTC, datetime
+from types import FrameType
+from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -13,11 +20,19 @@ from starlette.responses import Response
 
 from sidestep import __version__
 from sidestep.errors import SidestepError
-from sidestep.server import crowd_paths, operation_paths, osrm_paths
+from sidestep.server import count_paths, crowd_paths, operation_paths, osrm_paths
+from sidestep.server.bus import Bus
 from sidestep.server.guard import Guard
 from sidestep.server.problems import JsonResponse, ProblemError, on_error, on_validation, refused
 from sidestep.server.settings import SETTINGS_VARIABLE, Settings
+from sidestep.server.store import StoreError
 from sidestep.server.town import ServedTown
+
+WATCHING = 0.25
+"""Seconds after which the store is asked again what other processes have stored."""
+FORGETTING = 60.0
+"""Seconds after which what is too old is deleted."""
+_log = logging.getLogger("sidestep.server")
 
 
 def make_app(settings: Settings | None = None) -> FastAPI:
@@ -37,11 +52,17 @@ def make_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        app.state.town = await asyncio.to_thread(ServedTown, chosen)
-        await asyncio.to_thread(app.state.town.warm)
+        served = app.state.town = await asyncio.to_thread(ServedTown, chosen)
+        bus = app.state.bus = Bus()
+        app.state.news = asyncio.Event()
+        await asyncio.to_thread(served.warm)
+        _end_at_signals(bus)
+        keeping = asyncio.create_task(_keep_fresh(served, bus, app.state.news))
         app.state.ready = True
         yield
         app.state.ready = False
+        keeping.cancel()
+        served.store.close()
 
     app = FastAPI(
         title="Sidestep",
@@ -52,12 +73,12 @@ def make_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
         default_response_class=JsonResponse,
     )
-    app.state.ready = False
+    app.state.ready, app.state.settings, app.state.key = False, chosen, chosen.key()
     app.add_exception_handler(SidestepError, on_error)
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(Exception, _on_exception)
-    for paths in (osrm_paths, crowd_paths, operation_paths):
+    for paths in (osrm_paths, crowd_paths, count_paths, operation_paths):
         app.include_router(paths.router)
     if chosen.origins:
         app.add_middleware(CORSMiddleware, allow_origins=chosen.origins, allow_methods=["*"], allow_headers=["*"])
@@ -73,3 +94,39 @@ async def _on_http(request: Request, error: Exception) -> Response:
 
 async def _on_exception(request: Request, _error: Exception) -> Response:
     return refused(request.url.path, ProblemError(500, "something went wrong in the server; its log says what"))
+
+
+def _end_at_signals(bus: Bus) -> None:
+    """Let listeners go as soon as the process is told to stop, which otherwise waits for them."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        before = signal.getsignal(number)
+
+        def stop(number: int, frame: FrameType | None, before: Any = before) -> None:
+            loop.call_soon_threadsafe(bus.end)
+            if callable(before):
+                before(number, frame)
+
+        signal.signal(number, stop)
+
+
+async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None:
+    """Let crowds go on from the latest counts, also those that other processes store; forget what is too old."""
+    forgotten = 0.0
+    await asyncio.to_thread(served.prepare)
+    while True:
+        try:
+            if await asyncio.to_thread(served.refresh):
+                bus.tell("crowds", served.crowd_news)
+            if time.monotonic() - forgotten > FORGETTING:
+                forgotten = time.monotonic()
+                await asyncio.to_thread(served.store.forget, datetime.now(UTC))
+        except StoreError as error:
+            _log.warning("the store cannot be used: %s", error)
+        except SidestepError as error:
+            _log.warning("counts cannot be used: %s", error)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(news.wait(), WATCHING)
+        news.clear()

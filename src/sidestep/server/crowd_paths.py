@@ -10,6 +10,7 @@ from sidestep.routing.directions import CROWDING
 from sidestep.routing.request import read_departure
 from sidestep.server.asking import Futures, Place, Time, Word, geojson, numbers_of, place_of, town_of
 from sidestep.server.problems import JsonResponse
+from sidestep.server.town import FEW
 
 router = APIRouter(tags=["crowds"])
 MOST_MINUTES = 8
@@ -50,7 +51,7 @@ async def when(
     ] = None,
     planner: Word = None,
     walker: Word = None,
-    futures: Annotated[int, Query(ge=1, le=1000)] = 50,
+    futures: Annotated[int, Query(ge=1, le=1000)] = FEW,
 ) -> Response:
     """How long the walk takes at every departure of a window, by default of two hours."""
     served, ends = town_of(request), (place_of("origin", origin), place_of("destination", destination))

@@ -9,6 +9,7 @@ from collections import OrderedDict
 from urllib.parse import urlsplit
 
 from prometheus_client import Counter, Histogram
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from sidestep.server.problems import ProblemError, refused
@@ -185,6 +186,26 @@ def check_key(given: str | None, key: str | None) -> None:
     if not hmac.compare_digest(said, key.encode()):
         wanted = "this needs the API key: send the header Authorization: Bearer KEY"
         raise ProblemError(401, wanted, field="authorization", headers={"www-authenticate": "Bearer"})
+
+
+def writer(request: Request) -> None:
+    """Refuse to change anything for those who may not.
+
+    Parameters
+    ----------
+    request
+        Of the app, which knows the key.
+
+    Raises
+    ------
+    ProblemError
+        401 without the API key; 403 where there is none and others than this machine can reach the server.
+    """
+    key, settings = request.app.state.key, request.app.state.settings
+    if key is None and not settings.on_loopback:
+        said = "this server has no API key, so it takes nothing from the network; start it with one"
+        raise ProblemError(403, said, field="authorization")
+    check_key(request.headers.get("authorization"), key)
 
 
 def _too_large() -> ProblemError:

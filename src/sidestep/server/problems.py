@@ -7,7 +7,9 @@ from pydantic_core import to_json
 from starlette.requests import Request
 from starlette.responses import Response
 
+from sidestep.crowds.live import LiveError
 from sidestep.errors import SidestepError
+from sidestep.server.store import StoreError
 
 OSRM_SERVICES = ("/route/", "/table/", "/nearest/")
 """Beginnings of paths whose errors are OSRM's."""
@@ -97,7 +99,14 @@ def refused(path: str, problem: ProblemError) -> Response:
 
 def of_error(error: SidestepError) -> ProblemError:
     """What is wrong with a request that the packages below refuse."""
-    return error if isinstance(error, ProblemError) else ProblemError(400, str(error), field=error.field)
+    if isinstance(error, ProblemError):
+        return error
+    if isinstance(error, LiveError):
+        return ProblemError(415 if error.field == "content_type" else 422, str(error), field=error.field)
+    if isinstance(error, StoreError):
+        said = "the server cannot store anything at the moment; send it again later"
+        return ProblemError(503, said, field="store", headers={"retry-after": "5"})
+    return ProblemError(400, str(error), field=error.field)
 
 
 def of_validation(errors: list[Any]) -> ProblemError:

@@ -1,13 +1,14 @@
 """How the server is set up: options of the command line, and secrets from the environment or a file."""
 
 import os
+import re
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from sidestep.errors import SidestepError
-from sidestep.files import reading
+from sidestep.files import own_data, private_folder, reading
 
 KEY_VARIABLE = "SIDESTEP_API_KEY"
 """The environment variable that holds the API key."""
@@ -46,6 +47,29 @@ class Settings(BaseModel):
     def on_loopback(self) -> bool:
         """Whether only this machine can reach the server."""
         return self.host in LOOPBACK or self.host.startswith("127.")
+
+    def store_url(self, scenario: str) -> str:
+        """Where counts and walks are kept.
+
+        Parameters
+        ----------
+        scenario
+            Its name.
+
+        Returns
+        -------
+        str
+            A URL.
+
+        Raises
+        ------
+        SidestepError
+            A user without a home folder (field ``store``).
+        """
+        if self.store is not None:
+            return self.store if "://" in self.store else f"sqlite:///{Path(self.store).absolute()}"
+        with_name = re.sub(r"[^\w.-]", "_", scenario)
+        return f"sqlite:///{private_folder(own_data('stores')) / with_name}.db"
 
     def key(self) -> str | None:
         """Read the API key.

@@ -3,9 +3,9 @@
 import hashlib
 import math
 import threading
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,26 +17,34 @@ import numpy as np
 from pydantic_core import to_json
 
 from sidestep import __version__
+from sidestep.crowds.live import LONGEST, LOOKBACK, LiveCount, LiveCounts, check_counts, is_late
 from sidestep.crowds.profile import time_of_week
 from sidestep.errors import SidestepError
 from sidestep.network.names import StreetNames
 from sidestep.planners.registry import planner_infos
-from sidestep.routing.clocks import TownClock, town_clock
+from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import CROWDING
 from sidestep.routing.formats import feature
 from sidestep.routing.request import Departure, at_fault, read_departure
 from sidestep.routing.router import Router
+from sidestep.scenarios.crowd_sources import sensor_places
 from sidestep.scenarios.model import Scenario, read_objective
 from sidestep.scenarios.places import Venue
 from sidestep.scenarios.reader import find_scenario
 from sidestep.scenarios.walkers import WALKERS, read_walkers
+from sidestep.server.count_formats import read_posted
 from sidestep.server.osrm import Hinter
 from sidestep.server.problems import ProblemError
 from sidestep.server.settings import Settings
+from sidestep.server.store import Store
 
 T = TypeVar("T")
 MOST_VARIANTS = 4
 """Routers for other walkers and objectives that are kept."""
+AGED = timedelta(seconds=60)
+"""After which crowds go on from the same counts anew: they have got older."""
+FEW = 50
+"""Futures of answers that come with simulated times, where nobody asks for another number."""
 AT_ONCE = 2
 """Questions that take long, answered side by side."""
 MOST_WAITING = 32
@@ -77,15 +85,130 @@ class ServedTown:
         self._variants: OrderedDict[tuple[str | None, str | None], Router] = OrderedDict()
         self._lock = threading.Lock()
         self._clock: tuple[datetime, datetime, float] | None = None
+        self.store = Store(settings.store_url(self.scenario.name))
+        self.live = LiveCounts((), self.venue.timezone)
+        self.counted = 0
+        self._version, self._refreshed = -1, datetime.min.replace(tzinfo=UTC)
         self._limiter = anyio.CapacityLimiter(AT_ONCE)
         self._waiting = 0
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the sensors that crowds are known from."""
+        return tuple(dict.fromkeys(self.router.sensors))
+
+    def take_counts(self, body: bytes, content_type: str) -> dict[str, int]:
+        """Take counts that somebody posts: they are stored before this returns.
+
+        Parameters
+        ----------
+        body, content_type
+            What was posted.
+
+        Returns
+        -------
+        dict
+            How many were accepted, and of these how many were new, unchanged, corrected and late.
+
+        Raises
+        ------
+        LiveError
+            Counts that are not understood, or not taken; none of them is stored.
+        StoreError
+            A store that takes none at the moment.
+        """
+        now = self.instant
+        counts = read_posted(body, content_type, self.venue.timezone)
+        check_counts(counts, self.sensors, now)
+        stored = Counter(self.store.put_counts(counts, datetime.now(UTC)))
+        late = sum(is_late(count, now) for count in counts)
+        return {
+            "accepted": len(counts),
+            **{word: stored[word] for word in ("new", "unchanged", "corrected")},
+            "late": late,
+        }
+
+    def refresh(self) -> bool:
+        """Let crowds go on from the latest counts, where there are others than before, or time has passed.
+
+        Returns
+        -------
+        bool
+            Whether anything changed.
+        """
+        version, now = self.store.version(), self.instant
+        if version == self._version and abs(now - self._refreshed) < AGED:
+            return False
+        counts = tuple(self.store.counts_since(now - LOOKBACK))
+        self._clock = self.store.clock()
+        now = self.instant
+        known, live = 0, LiveCounts(counts, self.venue.timezone)
+        for router in (self.router, *self._variants.values()) if self.sensors else ():
+            known = router.go_on_from(live, self.now().replace(tzinfo=None))
+        changed = version != self._version or known > 0
+        self._version, self._refreshed, self.counted = version, now, known
+        self.live = live
+        return changed
+
+    @property
+    def crowd_news(self) -> dict[str, Any]:
+        """What is told of new crowds."""
+        return {"version": self._version, "at": self.now().isoformat(timespec="seconds"), "counted": self.counted}
+
+    @property
+    def instant(self) -> datetime:
+        """Now by the clock of the town, as UTC has it."""
+        return self.now().astimezone(UTC)
+
+    def sensor_features(self) -> dict[str, Any]:
+        """What sensors counted in their last hour beside what is expected, as GeoJSON."""
+        names, now = self.sensors, self.now().replace(tzinfo=None)
+        latest = self.live.latest(names, now)
+        expected = self.router.expected_counts(now)
+        features = []
+        for name, latitude, longitude in self.places:
+            number = names.index(name)
+            count = math.nan if latest is None else float(latest.counts[number])
+            counted = math.isfinite(count)
+            hour = None if latest is None or not counted else np.broadcast_to(latest.hour, len(names))[number]
+            features.append(
+                feature(
+                    "Point",
+                    [longitude, latitude],
+                    sensor=name,
+                    count=round(count, 1) if counted else None,
+                    counted_from=None if hour is None else str(hour.astype("datetime64[s]")),
+                    expected=round(float(expected[number]), 1),
+                )
+            )
+        return {"type": "FeatureCollection", "features": features}
+
+    @cached_property
+    def places(self) -> list[tuple[str, float, float]]:
+        """Where sensors stand: name, latitude and longitude; one may stand on several streets."""
+        return sensor_places(self.venue)
 
     def warm(self) -> None:
         """Answer a question of each common kind, so that the first one of a client finds programs compiled."""
         self.quick.crowds(self.departs(None))
-        crossing = self.town.place[[0, self.town.nodes - 1]]
-        ends = [self.quick.snapper.nearest(*place[::-1].tolist()) for place in crossing]
-        self.quick.matrix(ends[:1], ends[1:], self.departs(None))
+        longitude, latitude = self.town.place[0].tolist()
+        self.quick.matrix([0], [self.quick.snapper.nearest(latitude, longitude)], self.departs(None))
+
+    def prepare(self) -> None:
+        """Compile what is asked later: crowds that go on from counts, and walks through simulated futures."""
+        now = self.now()
+        if self.sensors:
+            counts = [LiveCount(name, self.instant - LONGEST, LONGEST.total_seconds(), 1.0) for name in self.sensors]
+            Router(self.scenario).go_on_from(LiveCounts(tuple(counts), self.venue.timezone), now.replace(tzinfo=None))
+        origin, destination = (tuple(place[::-1].tolist()) for place in self.town.place[self._far_apart])
+        self.router.plan(origin, destination, depart=self.asked("depart_at", None), futures=FEW)
+
+    @cached_property
+    def _far_apart(self) -> list[int]:
+        """A crossing, and one of those that are reached from it."""
+        (seconds, _) = self.quick.matrix([0], list(range(min(self.town.nodes, 200))), self.departs(None))
+        found = np.where(np.isfinite(seconds[0]), seconds[0], -1.0)
+        return [0, int(found.argmax())]
 
     def routers(self, walker: str | None, objective: str | None) -> Router:
         """The router for a walker and an objective, as people write them; by default the scenario's own.
@@ -133,11 +256,11 @@ class ServedTown:
 
     def now(self) -> datetime:
         """Local time, by the clock of the town or the one that a replay has set."""
-        real = datetime.now(self.zone)
+        real = datetime.now(self.zone or UTC)
         if self._clock is None:
             return real
         simulated, since, speed = self._clock
-        return simulated + (real - since) * speed
+        return (simulated + (real - since) * speed).astimezone(self.zone or UTC)
 
     @property
     def simulated(self) -> bool:
@@ -166,11 +289,11 @@ class ServedTown:
         SidestepError
             What is no local time, and times of which crowds know nothing (with the field).
         """
-        flow = (router or self.router).flow
+        router = router or self.router
         with at_fault(field):
             if given is None:
-                return town_clock(self.venue, flow, self.now() if flow.timed else None)
-            return town_clock(self.venue, flow, read_departure(given))
+                return router.clock(self.now() if router.flow.timed else None)
+            return router.clock(read_departure(given))
 
     def asked(self, field: str, given: str | None) -> Departure | None:
         """Read a local time for a router, which takes None where crowds know no times.
@@ -239,7 +362,7 @@ class ServedTown:
             "objectives": ["time", "distance", "exposure"],
             "crowding": [{"word": word, "limit": limit if math.isfinite(limit) else None} for limit, word in CROWDING],
             "horizon_minutes": scenario.horizon / 60,
-            "sensors": len(set(self.router.sensors)),
+            "sensors": len(self.sensors),
             "streets": town.streets,
             "version": __version__,
         }

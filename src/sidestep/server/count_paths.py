@@ -1,0 +1,39 @@
+"""Live counts: taken, shown, and told to those who listen."""
+
+import asyncio
+from collections.abc import AsyncIterator
+
+from fastapi import APIRouter, Request
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+from starlette.responses import Response
+
+from sidestep.server.asking import geojson, town_of
+from sidestep.server.guard import writer
+from sidestep.server.problems import JsonResponse
+
+router = APIRouter(tags=["counts"])
+
+
+@router.post("/counts")
+async def post_counts(request: Request) -> Response:
+    """Take counts: JSON, CSV or NGSI-LD, one or many; all of them or none."""
+    writer(request)
+    served, body = town_of(request), await request.body()
+    kind = request.headers.get("content-type", "")
+    said = await asyncio.to_thread(served.take_counts, body, kind)
+    request.app.state.news.set()
+    return JsonResponse(said)
+
+
+@router.get("/sensors")
+async def sensors(request: Request) -> Response:
+    """What sensors counted in their last hour, beside what is expected, as GeoJSON."""
+    served = town_of(request)
+    return geojson(await asyncio.to_thread(served.sensor_features))
+
+
+@router.get("/events", response_class=EventSourceResponse)
+async def events(request: Request) -> AsyncIterator[ServerSentEvent]:
+    """Tell when crowds change: server-sent events ``crowds`` and ``clock``."""
+    async for kind, said in request.app.state.bus.listen():
+        yield ServerSentEvent(event=kind, data=said)
