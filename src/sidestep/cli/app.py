@@ -12,7 +12,7 @@ from sidestep import __version__
 from sidestep.cli import data, experiments, listings, queries
 from sidestep.cli.compare import compare
 from sidestep.cli.route import route
-from sidestep.cli.serve import serve
+from sidestep.cli.serve import replay, serve
 from sidestep.cli.train import train
 from sidestep.errors import SidestepError
 
@@ -38,6 +38,7 @@ for command in (
     queries.matrix,
     queries.crowds,
     serve,
+    replay,
     data.import_osm,
     data.new,
     listings.planners,

@@ -1,6 +1,7 @@
-"""The command ``serve``."""
+"""The commands ``serve`` and ``replay``."""
 
 import sys
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,6 +10,8 @@ from cyclopts import Parameter
 from sidestep.cli import options
 from sidestep.errors import SidestepError
 
+FASTEST = 10_000
+"""Seconds that a replay may last in each second at most."""
 _Logs = Literal["text", "json"]
 
 
@@ -85,3 +88,49 @@ def serve(
         workers=workers,
     )
     run(settings, port, as_json=logs == "json", said=lambda line: print(line, file=sys.stderr, flush=True))
+
+
+def replay(
+    file: Annotated[Path, Parameter(help="Counts in a layout of docs/counts.md.")],
+    /,
+    *,
+    speed: float = 60.0,
+    url: str = "http://127.0.0.1:8000",
+    begin: str | None = None,
+    api_key_file: Path | None = None,
+    reading: options.Reading = options.AS_FOUND,
+) -> None:
+    """Post a file of counts to a server as if they were counted now, hour by hour, until Ctrl-C.
+
+    The server's clock then shows the time of the file, and after the replay its own again.
+
+    Parameters
+    ----------
+    speed
+        Seconds of the file in each second.
+    url
+        Address of the server.
+    begin
+        Local time to begin with, such as 2025-05-23T16:00; by default the first of the file.
+    api_key_file
+        File with the server's API key; by default the key is in the environment, as SIDESTEP_API_KEY.
+
+    Raises
+    ------
+    SidestepError
+        Options that mean nothing, files that cannot be read, and a server that refuses; with its field.
+    """
+    from sidestep.crowds.counts import read_counts
+    from sidestep.routing.request import read_departure
+    from sidestep.server.replay import Client
+    from sidestep.server.replay import replay as post
+    from sidestep.server.settings import Settings
+
+    if not 0 < speed <= FASTEST:
+        raise SidestepError(f"--speed must be above 0 and at most {FASTEST:,}, not {speed:g}", field="speed")
+    first = read_departure(begin, "begin") if begin is not None else None
+    if first is not None and not isinstance(first, datetime):
+        raise SidestepError(f"--begin must be a day and a time, such as 2025-05-23T16:00, not {begin}", field="begin")
+    key = Settings(key_file=None if api_key_file is None else str(api_key_file)).key()
+    table = read_counts(file, reading.layout())
+    post(Client(url, key), table, speed, first, lambda line: print(line, flush=True))

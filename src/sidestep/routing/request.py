@@ -38,6 +38,7 @@ _CALLED = {
     "until": "the last departure",
     "arrive_by": "the arrival",
     "at": "the time",
+    "begin": "the time to begin with",
     "origin": "the origin",
     "destination": "the destination",
     "origins": "one of the origins",

@@ -123,9 +123,3 @@ async def search(
 async def town(request: Request) -> Response:
     """What is served: the scenario, whose streets and counts they are, and what may be asked."""
     return JsonResponse(town_of(request).facts)
-
-
-@router.get("/clock")
-async def clock(request: Request) -> Response:
-    """The local time by which the server goes."""
-    return JsonResponse(town_of(request).clock_facts)

@@ -19,6 +19,7 @@ from pydantic_core import to_json
 from sidestep import __version__
 from sidestep.crowds.live import LONGEST, LOOKBACK, LiveCount, LiveCounts, check_counts, is_late
 from sidestep.crowds.profile import time_of_week
+from sidestep.crowds.wall_time import instant
 from sidestep.errors import SidestepError
 from sidestep.network.names import StreetNames
 from sidestep.planners.registry import planner_infos
@@ -261,6 +262,33 @@ class ServedTown:
             return real
         simulated, since, speed = self._clock
         return (simulated + (real - since) * speed).astimezone(self.zone or UTC)
+
+    def set_clock(self, now: datetime, speed: float) -> None:
+        """Go by a simulated time, in all processes.
+
+        Parameters
+        ----------
+        now
+            Local time where it has no offset.
+        speed
+            Seconds of it in each second.
+
+        Raises
+        ------
+        SidestepError
+            An hour that clocks leave out or repeat, given without an offset (field ``now``).
+        StoreError
+            A store that takes nothing at the moment.
+        """
+        with at_fault("now"):
+            there, since = instant(now, self.venue.timezone), datetime.now(UTC)
+        self.store.set_clock(there, since, speed)
+        self._clock = there, since, speed
+
+    def reset_clock(self) -> None:
+        """Go by the time of the computer again."""
+        self.store.clear_clock()
+        self._clock = None
 
     @property
     def simulated(self) -> bool:

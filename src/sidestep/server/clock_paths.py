@@ -1,0 +1,52 @@
+"""The clock of the town, which a replay may set."""
+
+import asyncio
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.responses import Response
+
+from sidestep.server.asking import body_of, takes, town_of
+from sidestep.server.guard import writer
+from sidestep.server.problems import JsonResponse
+
+router = APIRouter(tags=["clock"])
+
+
+class SimulatedTime(BaseModel):
+    """A time to go by."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    now: datetime
+    """ISO 8601; local time where it has no offset."""
+    speed: Annotated[float, Field(gt=0, le=10_000)] = 1.0
+    """Seconds of it in each second."""
+
+
+@router.get("/clock")
+async def clock(request: Request) -> Response:
+    """The local time by which the server goes."""
+    return JsonResponse(town_of(request).clock_facts)
+
+
+@router.put("/clock", openapi_extra=takes(SimulatedTime))
+async def set_clock(request: Request) -> Response:
+    """Go by a simulated time, as ``sidestep replay`` does."""
+    writer(request)
+    served, asked = town_of(request), await body_of(request, SimulatedTime)
+    await asyncio.to_thread(served.set_clock, asked.now, asked.speed)
+    request.app.state.bus.tell("clock", served.clock_facts)
+    return JsonResponse(served.clock_facts)
+
+
+@router.delete("/clock")
+async def reset_clock(request: Request) -> Response:
+    """Go by the time of the computer again."""
+    writer(request)
+    served = town_of(request)
+    await asyncio.to_thread(served.reset_clock)
+    request.app.state.bus.tell("clock", served.clock_facts)
+    return JsonResponse(served.clock_facts)

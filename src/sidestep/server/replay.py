@@ -1,0 +1,159 @@
+"""A file of counts, posted to a server as if they were counted now."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
+from http.client import HTTPException
+from typing import Any
+from urllib.error import HTTPError, URLError
+from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from sidestep.crowds.counts import CountTable
+from sidestep.errors import SidestepError
+
+PATIENCE = 30.0
+"""Seconds to wait for an answer."""
+HOUR = timedelta(hours=1)
+
+
+class ReplayError(SidestepError):
+    """A server that cannot be reached, or that refuses what is posted; ``field`` is the option at fault."""
+
+
+class Client:
+    """Asks a server of Sidestep.
+
+    Parameters
+    ----------
+    url
+        Address of the server.
+    key
+        API key; None where it needs none.
+
+    Raises
+    ------
+    ReplayError
+        What is no address of HTTP (field ``url``).
+    """
+
+    def __init__(self, url: str, key: str | None) -> None:
+        if urlsplit(url).scheme not in {"http", "https"} or not urlsplit(url).netloc:
+            raise ReplayError(f"--url must be an address such as http://127.0.0.1:8000, not {url!r:.80}", field="url")
+        self._url, self._key = url.rstrip("/"), key
+
+    def ask(self, method: str, path: str, content: Any = None) -> Any:
+        """Send a request, with content as JSON.
+
+        Parameters
+        ----------
+        method, path, content
+            Of the request.
+
+        Returns
+        -------
+        Any
+            What the answer holds.
+
+        Raises
+        ------
+        ReplayError
+            No answer (field ``url``), or one that refuses.
+        """
+        body = None if content is None else json.dumps(content).encode()
+        headers = {} if body is None else {"content-type": "application/json"}
+        if self._key is not None:
+            headers["authorization"] = f"Bearer {self._key}"
+        asked = Request(self._url + path, body, headers, method=method)  # noqa: S310 - the scheme was checked
+        try:
+            with urlopen(asked, timeout=PATIENCE) as answer:  # noqa: S310
+                return json.loads(answer.read() or b"null")
+        except HTTPError as error:
+            raise ReplayError(_refusal(error), field="api_key_file" if error.code == 401 else "file") from error
+        except (URLError, OSError, HTTPException, ValueError) as error:
+            why = getattr(error, "reason", None) or error
+            said = f"no server of Sidestep answers at {self._url}: {why}"
+            raise ReplayError(f"{said}; start one with: sidestep serve", field="url") from error
+
+
+def _refusal(error: HTTPError) -> str:
+    try:
+        said = json.loads(error.read())["detail"]
+    except (ValueError, KeyError, TypeError, OSError):
+        said = error.reason
+    return f"the server refuses: {said}"
+
+
+def hours_of(table: CountTable, begin: datetime | None) -> Iterator[tuple[datetime, dict[str, float]]]:
+    """The hours of a table, with what sensors counted in each.
+
+    Parameters
+    ----------
+    table
+        Hourly counts.
+    begin
+        Local wall time from which on they are wanted; None: all.
+
+    Yields
+    ------
+    datetime, dict
+        Local wall time at which the hour begins, and persons by sensor.
+    """
+    first = 0 if begin is None else int(np.searchsorted(table.times, np.datetime64(begin, "h")))
+    for hour, row in zip(table.times[first:].astype("datetime64[s]").tolist(), table.counts[first:], strict=True):
+        yield hour, {name: float(count) for name, count in zip(table.sensors, row, strict=True) if np.isfinite(count)}
+
+
+def replay(
+    client: Client, table: CountTable, speed: float, begin: datetime | None, tell: Callable[[str], None]
+) -> None:
+    """Set a server's clock to the time of a table, and post each hour as it ends by that clock.
+
+    Parameters
+    ----------
+    client
+        Of the server.
+    table
+        Hourly counts.
+    speed
+        Seconds of the table in each second.
+    begin
+        Local wall time to begin with; by default the table's first hour.
+    tell
+        Is told what was posted, line by line.
+
+    Raises
+    ------
+    ReplayError
+        No counts from then on (field ``begin``), no sensor that the server knows (``file``), and all that
+        :meth:`Client.ask` raises.
+    """
+    features = client.ask("GET", "/sensors")["features"]
+    known = {each["properties"]["sensor"] for each in features}
+    zone = ZoneInfo(client.ask("GET", "/town")["timezone"] or "UTC")
+    if not known & set(table.sensors):
+        names = ", ".join(sorted(known)[:3]) or "none"
+        raise ReplayError(f"{table.source} has none of the server's sensors, such as {names}", field="file")
+    hours = list(hours_of(table, begin))
+    if not hours:
+        raise ReplayError(f"{table.source} has no counts from {begin} on; they end {table.times[-1]}", field="begin")
+    began, start = hours[0][0].replace(tzinfo=zone), time.monotonic()
+    client.ask("PUT", "/clock", {"now": began.isoformat(), "speed": speed})
+    try:
+        for hour, counts in hours:
+            ends = (hour.replace(tzinfo=zone).astimezone(UTC) + HOUR - began.astimezone(UTC)).total_seconds() / speed
+            time.sleep(max(0.0, start + ends - time.monotonic()))
+            rows = [
+                {"sensor": name, "time": hour.replace(tzinfo=zone).isoformat(), "seconds": 3600, "count": count}
+                for name, count in counts.items()
+                if name in known
+            ]
+            if rows:
+                said = client.ask("POST", "/counts", rows)
+                tell(f"{hour:%a %Y-%m-%d %H:%M} to {hour + HOUR:%H:%M}: {said['accepted']} counts")
+    finally:
+        client.ask("DELETE", "/clock")
