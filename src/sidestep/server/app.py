@@ -57,10 +57,12 @@ def make_app(settings: Settings | None = None) -> FastAPI:
         app.state.news = asyncio.Event()
         await asyncio.to_thread(served.warm)
         _end_at_signals(bus)
+        preparing = asyncio.create_task(asyncio.to_thread(served.prepare))
         keeping = asyncio.create_task(_keep_fresh(served, bus, app.state.news))
         app.state.ready = True
         yield
         app.state.ready = False
+        preparing.cancel()
         keeping.cancel()
         served.store.close()
 
@@ -115,7 +117,6 @@ def _end_at_signals(bus: Bus) -> None:
 async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None:
     """Let crowds go on from the latest counts, also those that other processes store; forget what is too old."""
     forgotten = 0.0
-    await asyncio.to_thread(served.prepare)
     while True:
         try:
             if await asyncio.to_thread(served.refresh):

@@ -18,6 +18,8 @@ from sidestep.errors import SidestepError
 
 PATIENCE = 30.0
 """Seconds to wait for an answer."""
+ANEW = 600.0
+"""Seconds after which the clock is set anew, which otherwise lapses."""
 HOUR = timedelta(hours=1)
 
 
@@ -146,7 +148,10 @@ def replay(
     try:
         for hour, counts in hours:
             ends = (hour.replace(tzinfo=zone).astimezone(UTC) + HOUR - began.astimezone(UTC)).total_seconds() / speed
-            time.sleep(max(0.0, start + ends - time.monotonic()))
+            while (left := start + ends - time.monotonic()) > 0:
+                time.sleep(min(left, ANEW))
+                passed = timedelta(seconds=(time.monotonic() - start) * speed)
+                client.ask("PUT", "/clock", {"now": (began.astimezone(UTC) + passed).isoformat(), "speed": speed})
             rows = [
                 {"sensor": name, "time": hour.replace(tzinfo=zone).isoformat(), "seconds": 3600, "count": count}
                 for name, count in counts.items()

@@ -44,6 +44,8 @@ MOST_VARIANTS = 4
 """Routers for other walkers and objectives that are kept."""
 AGED = timedelta(seconds=60)
 """After which crowds go on from the same counts anew: they have got older."""
+LAPSES = timedelta(hours=1)
+"""After which a simulated time no longer counts, unless it is set anew: a replay may have been killed."""
 FEW = 50
 """Futures of answers that come with simulated times, where nobody asks for another number."""
 AT_ONCE = 2
@@ -257,11 +259,17 @@ class ServedTown:
 
     def now(self) -> datetime:
         """Local time, by the clock of the town or the one that a replay has set."""
-        real = datetime.now(self.zone or UTC)
-        if self._clock is None:
+        real, clock = datetime.now(self.zone or UTC), self._simulated
+        if clock is None:
             return real
-        simulated, since, speed = self._clock
+        simulated, since, speed = clock
         return (simulated + (real - since) * speed).astimezone(self.zone or UTC)
+
+    @property
+    def _simulated(self) -> tuple[datetime, datetime, float] | None:
+        """The clock that a replay has set, as long as it sets it anew: it may have been killed."""
+        clock = self._clock
+        return None if clock is None or datetime.now(UTC) - clock[1] > LAPSES else clock
 
     def set_clock(self, now: datetime, speed: float) -> None:
         """Go by a simulated time, in all processes.
@@ -289,11 +297,6 @@ class ServedTown:
         """Go by the time of the computer again."""
         self.store.clear_clock()
         self._clock = None
-
-    @property
-    def simulated(self) -> bool:
-        """Whether a replay has set the clock."""
-        return self._clock is not None
 
     def departs(self, given: str | None, field: str = "depart_at", router: Router | None = None) -> TownClock:
         """Read a local time.
@@ -398,9 +401,9 @@ class ServedTown:
     @property
     def clock_facts(self) -> dict[str, Any]:
         """The local time by which the server goes."""
-        now = self.now()
-        speed = 1.0 if self._clock is None else self._clock[2]
-        said = {"now": now.isoformat(timespec="seconds"), "speed": speed, "simulated": self.simulated}
+        now, clock = self.now(), self._simulated
+        speed = 1.0 if clock is None else clock[2]
+        said = {"now": now.isoformat(timespec="seconds"), "speed": speed, "simulated": clock is not None}
         return {**said, "hour_of_week": round(time_of_week(now), 4)}
 
     async def heavily(self, answer: Callable[[], T]) -> T:
