@@ -139,24 +139,27 @@ class ServedTown:
         bool
             Whether anything changed.
         """
-        version, now = self.store.version(), self.instant
+        version = self.store.version()
+        if version != self._version:
+            self._clock = self.store.clock()
+        now = self.instant
         if version == self._version and abs(now - self._refreshed) < AGED:
             return False
-        counts = tuple(self.store.counts_since(now - LOOKBACK))
-        self._clock = self.store.clock()
-        now = self.instant
-        known, live = 0, LiveCounts(counts, self.venue.timezone)
+        live = LiveCounts(tuple(self.store.counts_since(now - LOOKBACK)), self.venue.timezone)
+        known, here = 0, self._local(now).replace(tzinfo=None)
         for router in (self.router, *self._variants.values()) if self.sensors else ():
-            known = router.go_on_from(live, self.now().replace(tzinfo=None))
+            known = router.go_on_from(live, here)
         changed = version != self._version or known > 0
-        self._version, self._refreshed, self.counted = version, now, known
-        self.live = live
+        self._version, self._refreshed, self.counted, self.live = version, now, known, live
         return changed
 
     @property
     def crowd_news(self) -> dict[str, Any]:
         """What is told of new crowds."""
-        return {"version": self._version, "at": self.now().isoformat(timespec="seconds"), "counted": self.counted}
+        return {"version": self._version, "at": self._local(self._refreshed).isoformat(), "counted": self.counted}
+
+    def _local(self, time: datetime) -> datetime:
+        return time.astimezone(self.zone or UTC).replace(microsecond=0)
 
     @property
     def instant(self) -> datetime:
