@@ -27,9 +27,9 @@ class Cluster:
     programs: Path
     folder: Path
     """Has the data and the socket, whose path must be short."""
-    port: int
     user: str | None
-    """Who runs it; None: whoever runs the tests."""
+    """Who runs it; None: the user who runs the tests."""
+    port: int = 0
     process: subprocess.Popen | None = None
     databases: int = 0
 
@@ -50,6 +50,9 @@ class Cluster:
         assert done.returncode == 0, done.stderr
 
     def start(self) -> None:
+        if not self.port:
+            with socket.create_server(("127.0.0.1", 0)) as free:
+                self.port = free.getsockname()[1]
         settings = {"listen_addresses": "127.0.0.1", "port": self.port, "unix_socket_directories": self.folder}
         with (self.folder / "log").open("a") as log:
             self.process = subprocess.Popen(
@@ -101,12 +104,10 @@ def postgresql() -> Iterator[Cluster]:
         reason = "PostgreSQL is not there: apt-get install --no-install-recommends postgresql"
         (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
     folder = Path(tempfile.mkdtemp(prefix="sidestep-"))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
     user = OWNER if os.geteuid() == 0 else None
     if user is not None:
         os.chown(folder, pwd.getpwnam(user).pw_uid, pwd.getpwnam(user).pw_gid)
-    cluster = Cluster(programs, folder, port, user)
+    cluster = Cluster(programs, folder, user)
     try:
         cluster.init()
         cluster.start()
