@@ -57,7 +57,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
         app.state.news = asyncio.Event()
         await asyncio.to_thread(served.warm)
         _end_at_signals(bus)
-        preparing = asyncio.create_task(asyncio.to_thread(served.prepare))
+        preparing = app.state.preparing = asyncio.create_task(asyncio.to_thread(served.prepare))
         keeping = asyncio.create_task(_keep_fresh(served, bus, app.state.news))
         app.state.ready = True
         yield

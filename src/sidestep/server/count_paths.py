@@ -2,8 +2,9 @@
 
 import asyncio
 from collections.abc import AsyncIterator
+from typing import Annotated
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.responses import Response
 
@@ -15,12 +16,15 @@ router = APIRouter(tags=["counts"])
 
 
 @router.post("/counts")
-async def post_counts(request: Request) -> Response:
+async def post_counts(
+    request: Request,
+    seconds: Annotated[float, Query(ge=60, le=3600, description="Length of intervals that do not say theirs.")] = 3600,
+) -> Response:
     """Take counts: JSON, CSV or NGSI-LD, one or many; all of them or none."""
     writer(request)
     served, body = town_of(request), await request.body()
     kind = request.headers.get("content-type", "")
-    said = await asyncio.to_thread(served.take_counts, body, kind)
+    said = await asyncio.to_thread(served.take_counts, body, kind, seconds)
     request.app.state.news.set()
     return JsonResponse(said)
 

@@ -20,7 +20,8 @@ async def readyz(request: Request) -> Response:
     """Whether the town is loaded and routes are planned."""
     if not request.app.state.ready:
         raise ProblemError(503, "the town is not loaded yet", headers={"retry-after": "1"})
-    return JsonResponse({"status": "ready"})
+    # What is asked less often is compiled while others are answered already.
+    return JsonResponse({"status": "ready", "prepared": request.app.state.preparing.done()})
 
 
 @router.get("/metrics")

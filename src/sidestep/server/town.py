@@ -100,13 +100,15 @@ class ServedTown:
         """Names of the sensors that crowds are known from."""
         return tuple(dict.fromkeys(self.router.sensors))
 
-    def take_counts(self, body: bytes, content_type: str) -> dict[str, int]:
+    def take_counts(self, body: bytes, content_type: str, seconds: float) -> dict[str, int]:
         """Take counts that somebody posts: they are stored before this returns.
 
         Parameters
         ----------
         body, content_type
             What was posted.
+        seconds
+            Length of intervals that do not say theirs.
 
         Returns
         -------
@@ -121,7 +123,7 @@ class ServedTown:
             A store that takes none at the moment.
         """
         now = self.instant
-        counts = read_posted(body, content_type, self.venue.timezone)
+        counts = read_posted(body, content_type, self.venue.timezone, seconds)
         check_counts(counts, self.sensors, now)
         stored = Counter(self.store.put_counts(counts, datetime.now(UTC)))
         late = sum(is_late(count, now) for count in counts)
