@@ -42,7 +42,14 @@ class _Carry(NamedTuple):
     walk: Walk
 
 
-def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, ""], trace: int = 0) -> Walk:
+def walk(
+    params: EnvParams,
+    decide: Decide,
+    instance: Instance,
+    key: Key[Array, ""],
+    trace: int = 0,
+    recent_nodes: Int[Array, " recent_node"] | None = None,
+) -> Walk:
     """Walk until arrival or the horizon, deciding at every crossing.
 
     Parameters
@@ -55,6 +62,8 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
         Random key of the walk.
     trace
         Number of segments to remember.
+    recent_nodes
+        Nodes that were left before, the latest first, where the walk goes on from another; by default none.
 
     Returns
     -------
@@ -62,6 +71,8 @@ def walk(params: EnvParams, decide: Decide, instance: Instance, key: Key[Array, 
         How it went.
     """
     start, _ = reset(params, instance)
+    if recent_nodes is not None:
+        start = replace(start, recent_nodes=recent_nodes)
     there, nothing = instance.origin == instance.destination, jnp.float32(0)
     measures = dict.fromkeys(params.objective.measures, nothing)
     segments, clocks = jnp.full(trace, ABSENT, jnp.int32), jnp.full(trace, instance.departure)

@@ -194,6 +194,7 @@ def _walk_all(
     key: Key[Array, ""],
     trace: int,
     level: Information,
+    recent_nodes: Int[Array, " recent_node"] | None,
     *,
     alike: bool,
 ) -> Walk:
@@ -201,7 +202,7 @@ def _walk_all(
     choose: Any = decide() if isinstance(decide, _Named) else decide
 
     def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
-        return walk(params, partial(choose, plan.shared, own), instance, key, trace)
+        return walk(params, partial(choose, plan.shared, own), instance, key, trace, recent_nodes)
 
     keys = jax.random.split(key, instances.origin.shape[0])
     if alike:  # one table for all walks, not a copy for each
@@ -211,7 +212,13 @@ def _walk_all(
 
 
 def walk_plan(
-    planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], trace: int = 0
+    planner: Planner,
+    params: EnvParams,
+    plan: Plan,
+    instances: Instance,
+    key: Key[Array, ""],
+    trace: int = 0,
+    recent_nodes: Int[Array, " recent_node"] | None = None,
 ) -> Walk:
     """Walk all instances by a plan.
 
@@ -227,6 +234,8 @@ def walk_plan(
         Source of all random numbers. The same key gives every planner the same ones.
     trace
         Number of segments to remember of each walk.
+    recent_nodes
+        Nodes that all walkers have left before, the latest first, where their walks go on from others; none by default.
 
     Returns
     -------
@@ -241,7 +250,8 @@ def walk_plan(
     check_known(params, instances, planner.observes)
     numbers = {leaf.shape[0] for leaf in jax.tree.leaves(plan.own)}
     alike = numbers == {1} and instances.origin.shape[0] > 1
-    return _walk_all(_Named.of(planner.decide), params, plan, instances, key, trace, planner.observes, alike=alike)
+    decide, level = _Named.of(planner.decide), planner.observes
+    return _walk_all(decide, params, plan, instances, key, trace, level, recent_nodes, alike=alike)
 
 
 @checked(
@@ -295,16 +305,22 @@ def routes(planner: Planner, params: EnvParams, instances: Instance, key: Key[Ar
 
 
 def routes_along(
-    planner: Planner, params: EnvParams, plan: Plan, instances: Instance, key: Key[Array, ""], trace: int
+    planner: Planner,
+    params: EnvParams,
+    plan: Plan,
+    instances: Instance,
+    key: Key[Array, ""],
+    trace: int,
+    recent_nodes: Int[Array, " recent_node"] | None = None,
 ) -> list[Route]:
-    """:func:`routes` of walks by a plan that was made before.
+    """:func:`routes` of walks by a plan that was made before, which may go on from others as in :func:`walk_plan`.
 
     Returns
     -------
     list of Route
         One for each instance.
     """
-    walked = walk_plan(planner, params, plan, instances, key, trace)
+    walked = walk_plan(planner, params, plan, instances, key, trace, recent_nodes)
     begins, head, walked = jax.device_get((instances, params.network.head, walked))
     found = []
     for walk_number, steps in enumerate(walked.steps.tolist()):

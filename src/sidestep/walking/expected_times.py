@@ -7,12 +7,15 @@ from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from sidestep.crowds.base import Field, Index
 from sidestep.network.graph import RoadNetwork
+from sidestep.walking.sightings import Sightings
 from sidestep.walking.speed_field import KnownSpeeds, Numbers, Segments, SpeedField, SpeedRow, Table
+from sidestep.walking.speed_laws import SpeedLaw
 
 
 class CrossingTimes(eqx.Module):
@@ -115,6 +118,42 @@ class ExpectedTimes(eqx.Module):
 
     def density_at(self, hour: Index, segment: Segments, slot: Index) -> Numbers:
         return self.mean.density_at(hour, segment, slot)
+
+    def seeing(self, sightings: Sightings, law: SpeedLaw, pace: Float[Array, " segment"] | None) -> "ExpectedTimes":
+        """The same where some crowds were seen.
+
+        Parameters
+        ----------
+        sightings
+            What was seen.
+        law, pace
+            Speed by density, and that on each segment over that on level ground.
+
+        Returns
+        -------
+        ExpectedTimes
+            Times for entering as slots begin. Where a crowd was seen, nobody who enters later leaves earlier, while it
+            is forgotten as well.
+        """
+        slot_seconds, share = self.slot_seconds, sightings.share
+        position = jnp.arange(self.slots) * (slot_seconds / self.step_seconds)
+        seen = law.speed(sightings.density) * (1.0 if pace is None else pace)
+
+        def of_segment(times: Float[Array, " step"], length: Array, seen: Array, share: Float[Array, " slot"]) -> Array:
+            usual = _linear(times, (), position)
+            # Seconds for each metre are mixed, as expected times are means. Then walkers go through slot after slot.
+            speed = 1 / ((1 - share) * usual / length + share / seen)
+            covered = jnp.append(0.0, jnp.cumsum(slot_seconds * speed[:-1]))
+            end = covered + length
+            then = jnp.searchsorted(covered, end, side="right") - 1
+            leaves = then * slot_seconds + (end - covered[then]) / speed[then]
+            return jnp.where(share.any(), leaves - jnp.arange(self.slots) * slot_seconds, usual)
+
+        def of_hour(seconds: Float[Array, "segment step"]) -> Float[Array, "segment slot"]:
+            return jax.vmap(of_segment)(seconds, self.length, seen, share)
+
+        mean = self.mean.seeing(sightings, law, pace)
+        return ExpectedTimes(mean, jax.vmap(of_hour)(self.seconds), self.length, slot_seconds)
 
     def first(self, slots: int) -> "ExpectedTimes":
         """The same with densities in the first slots only."""

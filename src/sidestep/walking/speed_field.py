@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from sidestep.crowds.base import Field, FlowField, Index, SensedField
 from sidestep.network.graph import RoadNetwork
+from sidestep.walking.sightings import Sightings
 from sidestep.walking.speed_laws import SpeedLaw
 
 Segments = Int[Array, "*n"]
@@ -98,6 +99,26 @@ class SpeedField(eqx.Module):
         """The same with the futures of these numbers replaced by those of other, similar ``speeds``."""
         return jax.tree.map(lambda old, new: old.at[index].set(new), self, speeds)
 
+    def seeing(self, sightings: Sightings, law: SpeedLaw, pace: Float[Array, " segment"] | None) -> "SpeedField":
+        """The same where some crowds were seen.
+
+        Parameters
+        ----------
+        sightings
+            What was seen.
+        law, pace
+            Speed by density, and that on each segment over that on level ground.
+
+        Returns
+        -------
+        SpeedField
+            With densities.
+        """
+        density = sightings.among(self.known_density)
+        seen = _paced(law.speed(density), None if pace is None else pace[:, None])
+        speed = jnp.where(sightings.share[:, : self.slots] > 0, seen, self.speed)
+        return speed_field(speed, self.slot_seconds, density)
+
     def field(self, network: RoadNetwork) -> FlowField:
         """The crowds that :func:`walking_speeds` made these speeds from."""
         volume = jnp.swapaxes(self.known_density, -1, -2) * network.length * network.width
@@ -159,6 +180,8 @@ class SensedSpeeds(eqx.Module):
     """Speed by density."""
     pace: Float[Array, " segment"] | None = None
     """As in :class:`sidestep.network.graph.RoadNetwork`."""
+    sightings: Sightings | None = None
+    """Crowds that were seen, whatever counters say; None where there were none."""
 
     @property
     def slot_seconds(self) -> float:
@@ -174,17 +197,22 @@ class SensedSpeeds(eqx.Module):
 
     def of(self, future: Index) -> SpeedField:
         density = self.crowds.weights.everywhere(self.crowds.counted[future])
+        if self.sightings is not None:
+            density = self.sightings.among(density.T).T
         return speed_field(_paced(self.law.speed(density), self.pace).T, self.slot_seconds, density.T)
 
     def row(self, future: Index, segment: Index) -> SpeedRow:
         density = self.crowds.densities(future, segment)
+        if self.sightings is not None:
+            density = self.sightings.of(segment).among(density)
         return speed_field(self.on(segment, density), self.slot_seconds, density).row()
 
     def at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
         return self.on(segment, self.density_at(future, segment, slot))
 
     def density_at(self, future: Index, segment: Segments, slot: Index) -> Numbers:
-        return self.crowds.density_at(future, segment, slot)
+        density = self.crowds.density_at(future, segment, slot)
+        return density if self.sightings is None else self.sightings.at(segment, slot, density)
 
     def first(self, slots: int) -> "SensedSpeeds":
         return self._of(self.crowds.counted[:, :slots])
@@ -198,6 +226,10 @@ class SensedSpeeds(eqx.Module):
     def scaled(self, factor: float) -> "SensedSpeeds":
         """Speeds in crowds ``factor`` times as dense."""
         return self._of(factor * self.crowds.counted)
+
+    def seeing(self, sightings: Sightings, _law: SpeedLaw, _pace: Float[Array, " segment"] | None) -> "SensedSpeeds":
+        """The same where some crowds were seen; counters know nothing of these."""
+        return replace(self, sightings=sightings)
 
     def field(self, _network: RoadNetwork) -> SensedField:
         return self.crowds
