@@ -1,9 +1,10 @@
 """When: the times that people give, in seconds since clock 0, and clocks in the words of people."""
 
 from dataclasses import dataclass, replace
-from datetime import MAXYEAR, datetime, time
+from datetime import MAXYEAR, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 from sidestep.crowds.base import FlowModel
 from sidestep.crowds.profile import HOURS_OF_WEEK, day_and_time, time_of_week
@@ -155,6 +156,17 @@ class TownClock:
         """Clock 0 some seconds before this one."""
         date = None if self.date is None else later_time(self.date, -seconds, self.timezone)
         return replace(self, hour=(self.hour - seconds / HOUR) % HOURS_OF_WEEK, date=date)
+
+    @property
+    def given(self) -> datetime | TimeOfWeek | None:
+        """Clock 0 as a departure, to the second; None for crowds without times."""
+        if not self.timed:
+            return None
+        if self.date is not None:
+            date = (self.date + timedelta(seconds=0.5)).replace(microsecond=0)
+            return date if self.timezone is None else date.replace(tzinfo=ZoneInfo(self.timezone))
+        day, second = divmod(round(self.hour * HOUR) % round(HOURS_OF_WEEK * HOUR), round(DAY_HOURS * HOUR))
+        return TimeOfWeek(time(second // 3600, second // 60 % 60, second % 60), day)
 
     def facts(self, clock: float) -> dict[str, Any]:
         """What :class:`~sidestep.routing.facts.SceneFacts` say of a clock."""

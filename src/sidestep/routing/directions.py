@@ -180,7 +180,11 @@ def bearings(course: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
     float, float
         Degrees clockwise from north.
     """
-    place = Projection.of(course).project(course)
+    return plane_bearings(Projection.of(course).project(course))
+
+
+def plane_bearings(place: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
+    """Bearings of a course as of :func:`bearings`, given its x (east) and y (north) in m."""
     along = np.append(0.0, np.linalg.norm(np.diff(place, axis=0), axis=1).cumsum())
 
     at = np.array([0.0, SIGHT, along[-1] - SIGHT, along[-1]])

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sidestep.network.contours import Raster, Samples, ring_area
+from sidestep.network.graph import ABSENT
 from sidestep.network.polygons import in_degrees
 from sidestep.network.snapping import SplitStreets
 from sidestep.network.town import Town
@@ -17,7 +18,7 @@ from sidestep.planners.reactive import Snapshot
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.programs import on_device, program
 from sidestep.routing.clocks import Clock
-from sidestep.routing.directions import Leg, Step, bearings, directions
+from sidestep.routing.directions import Leg, Step, bearings, directions, plane_bearings, street_label
 from sidestep.routing.facts import End, SceneFacts, StreetMap
 from sidestep.routing.paces import Paces
 from sidestep.routing.request import RouteError
@@ -163,6 +164,51 @@ class Located:
         """The streets as people know them; None on grids."""
         return None
 
+    @property
+    def street_numbers(self) -> Int[np.ndarray, " segment"]:
+        """A number for the street of each segment: the same both ways, on all its pieces, and for other requests."""
+        return np.unique(self.pieces(), axis=0, return_inverse=True)[1].reshape(-1)
+
+    def street_name(self, segment: int) -> str:
+        """What people call the street of a segment."""
+        network = self.scenario_map.network
+        return f"the street from node {int(network.tail[segment])} to node {int(network.head[segment])}"
+
+    def line(self, segment: int) -> Float[np.ndarray, "point 2"]:
+        """Give the course of a segment.
+
+        Parameters
+        ----------
+        segment
+            Its number.
+
+        Returns
+        -------
+        Float[np.ndarray, "point 2"]
+            x and y in m, in walking direction; on grids a straight line.
+        """
+        network = self.scenario_map.network
+        ends = [int(network.tail[segment]), int(network.head[segment])]
+        return np.asarray(network.position)[ends].astype(np.float64)
+
+    def bearings(self, segment: int) -> tuple[float, float]:
+        """Bearings in which a segment begins and ends, degrees clockwise from north, or on grids from the y axis."""
+        return plane_bearings(self.line(segment))
+
+    def exits(self, node: int) -> list[int]:
+        """The segments that leave a node."""
+        exits = np.asarray(self.scenario_map.network.exit_segment)[node]
+        return exits[exits != ABSENT].tolist()
+
+    def on_plane(self, latitude: float, longitude: float) -> Float[np.ndarray, "2"]:  # noqa: ARG002 - for towns
+        """The x and y in m of a place; RouteError (field ``location``) on grids, which have no coordinates."""
+        said = "a grid has no latitudes and longitudes; give the location as the number of a node"
+        raise RouteError(said, field="location")
+
+    def in_degrees(self, xy: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"] | None:  # noqa: ARG002
+        """Longitudes and latitudes of places on the plane; None on grids."""
+        return None
+
     def outlines(self, walks: Sequence[OnSegments], limits: Float[np.ndarray, " limit"]) -> list[list[Outline]]:
         """Sizes and borders of what is reached from the first end; on grids there are none.
 
@@ -236,6 +282,26 @@ class LocatedInTown(Located):
     @property
     def town(self) -> Town:
         return self.streets.town
+
+    @property
+    def street_numbers(self) -> Int[np.ndarray, " segment"]:
+        return self.streets.street
+
+    def street_name(self, segment: int) -> str:
+        street = int(self.streets.street[segment])
+        return street_label(self.town.name[street], self.town.kind[street])
+
+    def line(self, segment: int) -> Float[np.ndarray, "point 2"]:
+        return self.town.project(self.streets.course(segment))
+
+    def bearings(self, segment: int) -> tuple[float, float]:
+        return bearings(self.streets.course(segment))
+
+    def on_plane(self, latitude: float, longitude: float) -> Float[np.ndarray, "2"]:
+        return self.town.project(np.array([longitude, latitude]))
+
+    def in_degrees(self, xy: Float[np.ndarray, "*point 2"]) -> Float[np.ndarray, "*point 2"]:
+        return self.town.projection.unproject(xy)
 
     def outlines(self, walks: Sequence[OnSegments], limits: Float[np.ndarray, " limit"]) -> list[list[Outline]]:
         town, samples, (origin, *_) = self.town, samples_of(self.town), self.ends

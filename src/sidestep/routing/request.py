@@ -43,6 +43,8 @@ _CALLED = {
     "destination": "the destination",
     "origins": "one of the origins",
     "destinations": "one of the destinations",
+    "location": "the location",
+    "time": "the time",
 }
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
 _PLACE = re.compile(f"{_NUMBER},{_NUMBER}", re.ASCII)

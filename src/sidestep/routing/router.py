@@ -1,6 +1,7 @@
 """Planning many routes through one place from one process."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
 from os import PathLike
@@ -172,10 +173,10 @@ class Router:
         check_request(request)
         if request.arrive_by is None:
             given = Circumstances(
-                depart=request.depart, live=self._lately(request.live), avoid=request.avoid, exclude=request.exclude
+                depart=request.depart, live=request.live, avoid=request.avoid, exclude=request.exclude
             )
             located = self._between(request.origin, request.destination, given)
-            return planned(Walker(located, self._planner(request.planner, located), request.futures), request)
+            return planned(Walker(located, self.choose_planner(request.planner, located), request.futures), request)
         given = Circumstances(
             depart=request.arrive_by,
             avoid=request.avoid,
@@ -185,7 +186,7 @@ class Router:
         )
         located = self._between(request.origin, request.destination, given)
         earliest = 0.0 if request.depart is None else located.start.earliest(request.depart, located.clock)
-        return latest_departure(located, self._planner(request.planner, located), request, earliest)
+        return latest_departure(located, self.choose_planner(request.planner, located), request, earliest)
 
     def when(
         self,
@@ -232,7 +233,7 @@ class Router:
         check_files(live=live, avoid=avoid)
         given = Circumstances(
             depart=read_departure(depart),
-            live=self._lately(live),
+            live=live,
             avoid=avoid,
             until=read_departure(until, "until"),
             window=WINDOW,
@@ -240,7 +241,7 @@ class Router:
         located = self._between(read_place("origin", origin), read_place("destination", destination), given)
         deadline = read_departure(arrive_by, "arrive_by")
         due = None if deadline is None else located.start.clock(deadline, "arrive_by")
-        return departure_window(located, self._planner(planner, located), step, futures, due)
+        return departure_window(located, self.choose_planner(planner, located), step, futures, due)
 
     def isochrone(
         self,
@@ -438,10 +439,29 @@ class Router:
             return self._locate
         raise RouteError(NO_COORDINATES, field="format")
 
+    def locate_walk(self, origin: AskedPlace, destination: AskedPlace, given: Circumstances) -> Located:
+        """Locate a walk from one place to another, which a path must connect.
+
+        Parameters
+        ----------
+        origin, destination, given
+            The places, and what else was asked.
+
+        Returns
+        -------
+        Located
+            With both places as its ends.
+
+        Raises
+        ------
+        SidestepError
+            As :meth:`answer`; errors of places name the field of the place.
+        """
+        given = replace(given, live=self._lately(given.live))
+        return connected(self._locate.locate([origin, destination], given))
+
     def _between(self, origin: Place | None, destination: Place | None, given: Circumstances) -> Located:
-        """Locate a walk from one place to another, which a path must connect."""
-        asked = [AskedPlace("origin", origin), AskedPlace("destination", destination)]
-        return connected(self._locate.locate(asked, given))
+        return self.locate_walk(AskedPlace("origin", origin), AskedPlace("destination", destination), given)
 
     def _search(self, planner: Planner | str | None) -> Planner:
         """Find who searches the paths to everywhere.
@@ -469,7 +489,7 @@ class Router:
             raise RouteError(f"{said}; paths to everywhere are searched by expected or shortest-path", field="planner")
         return found
 
-    def _planner(self, asked: Planner | str | None, located: Located) -> Planner:
+    def choose_planner(self, asked: Planner | str | None, located: Located) -> Planner:
         """Find who plans, and refuse ends that a model does not know which remembers nodes.
 
         Parameters

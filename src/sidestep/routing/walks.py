@@ -140,13 +140,26 @@ class Walker:
         Who plans.
     futures
         How many to simulate; by default as many as the request and the planner need.
+    inside
+        Whether the walker has come to the origin along its street, and so is past the gate that the street may have.
+    recent_nodes
+        Nodes that were left before, the latest first, where the walk goes on from another; by default none.
     """
 
-    def __init__(self, located: Located, planner: Planner, futures: int | None = None) -> None:
+    def __init__(
+        self,
+        located: Located,
+        planner: Planner,
+        futures: int | None = None,
+        *,
+        inside: bool = False,
+        recent_nodes: Int[Array, " recent_node"] | None = None,
+    ) -> None:
         scenario, here = located.scenario, located.scenario_map
         self.located, self.planner, self.key = located, planner, purpose_key(here, "test")
         looking = [each for each in (planner, *located.baselines) if each.observes in ("map", "live")]
-        self.params = make_environment(
+        self.recent_nodes = recent_nodes
+        params = make_environment(
             scenario,
             here,
             "test",
@@ -157,9 +170,10 @@ class Walker:
             pace=located.pace,
             costs=any(map(_looks_ahead, looking)),
             densities=True,
-        ).begun_at(located.ends[0].node)
+        )
+        self.params = params if inside else params.begun_at(located.ends[0].node)
         self.alone = as_expected(self.params)
-        self.density = np.asarray(_densities(self.params.expected))
+        self.density = np.asarray(densities(self.params.expected))
         self._plans: list[tuple[Planner, Plan]] = []
         self._instances: dict[int, Instance] = {}
 
@@ -176,7 +190,7 @@ class Walker:
         def whole(params: EnvParams) -> Route:
             plan, todo, trace = self._plan(planner, params), self.instances(1), params.network.nodes
             while True:
-                (route,) = routes_along(planner, params, plan, todo, self.key, trace)
+                (route,) = routes_along(planner, params, plan, todo, self.key, trace, self.recent_nodes)
                 if len(route.segments) < trace:
                     return route
                 trace *= 8  # it may go on
@@ -190,7 +204,7 @@ class Walker:
         def through(params: EnvParams) -> Walk:
             hindsight = planner.level == "hindsight"
             plan = planner.plan(params, todo) if hindsight else self._plan(planner, params)
-            return walk_plan(planner, params, plan, todo, self.key)
+            return walk_plan(planner, params, plan, todo, self.key, recent_nodes=self.recent_nodes)
 
         params, drawn = self.params, self.params.futures
         if not futures == size == drawn.count:
@@ -339,7 +353,7 @@ def _some(futures: Futures, which: Int[Array, " future"]) -> Futures:
 
 
 @program()
-def _densities(expected: Speeds) -> Float[Array, "segment slot"]:
+def densities(expected: Speeds) -> Float[Array, "segment slot"]:
     """Persons/m² that are expected at the only hour."""
     return expected.of(jnp.int32(0)).known_density
 
