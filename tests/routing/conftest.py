@@ -5,9 +5,11 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import jax
 import numpy as np
 import pytest
 
+from sidestep import programs
 from sidestep.crowds.crowd_table import save_crowd_table
 from sidestep.crowds.table_reader import read_table
 from sidestep.network.formats import save_town
@@ -175,3 +177,21 @@ def hours(tabled) -> Callable[..., Scenario]:
 def slots(tabled) -> Scenario:
     """Slots without times."""
     return tabled("street,slot,density", f"{LONG},0,{SLOW}", f"{LONG},1,{SLOW}")
+
+
+@pytest.fixture
+def compiled():
+    """Names of the events of compilation since this list was cleared."""
+    events: list[str] = []
+    jax.clear_caches()  # of what other tests have compiled
+    programs.clear_caches()
+
+    def listen(event: str, *_: object, **__: object) -> None:
+        if "backend_compile" in event:
+            events.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    jax.jit(lambda number: number + 1)(1.0)
+    assert events
+    yield events
+    jax.monitoring.unregister_event_duration_listener(listen)

@@ -2,10 +2,8 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
-import jax
 import pytest
 
-from sidestep import programs
 from sidestep.errors import SidestepError
 from sidestep.planners.learned import Learned
 from sidestep.planners.random import RandomWalk
@@ -20,24 +18,6 @@ ENDS = [((50, 4), (300, -50)), ((300, -50), (50, 4)), (3, 2), ((200, 50), (150, 
 @pytest.fixture
 def ends(place) -> list:
     return [tuple(end if isinstance(end, int) else place(*end) for end in pair) for pair in ENDS]
-
-
-@pytest.fixture
-def compiled():
-    """Names of the events of compilation since this list was cleared."""
-    events: list[str] = []
-    jax.clear_caches()  # of what other tests have compiled
-    programs.clear_caches()
-
-    def listen(event: str, *_: object, **__: object) -> None:
-        if "backend_compile" in event:
-            events.append(event)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    jax.jit(lambda number: number + 1)(1.0)
-    assert events
-    yield events
-    jax.monitoring.unregister_event_duration_listener(listen)
 
 
 @pytest.mark.parametrize("planner", ["expected", "snapshot"])

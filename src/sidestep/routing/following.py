@@ -1,7 +1,7 @@
 """How far a walker has come along its route, by a position that is off by some metres."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +19,8 @@ FASTEST = 3.0
 _ALIKE = 1.0  # metres: of points of the route that are as near, the first one counts
 
 
-class Found(NamedTuple):
+@dataclass(frozen=True)
+class Found:
     """A point of the route."""
 
     metres: float
@@ -30,7 +31,7 @@ class Found(NamedTuple):
 
 
 def follow(
-    lines: Sequence[Float[np.ndarray, "point 2"]],
+    lines: Sequence[Float[np.ndarray, "_ 2"]],
     lengths: Sequence[float],
     here: Float[np.ndarray, "2"],
     done: float,
@@ -63,22 +64,18 @@ def follow(
     metres, along = _measured(lines, lengths)
     part = np.clip(((here - begin) * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-12), 0.0, 1.0)
     earliest = done - NEAR
-    # On a piece of the route of which a part lies too far back, the rest counts.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        least = np.where(metres > 0, (earliest - along) / metres, 0.0)
-    part = np.where(along + metres < earliest, part, np.clip(part, np.minimum(least, 1.0), 1.0))
     at, points = along + part * metres, begin + part[:, None] * step
     away = np.linalg.norm(points - here, axis=1)
     for latest in (done + FASTEST * seconds + 2 * NEAR, np.inf):
         possible = np.where((at >= earliest - 1e-6) & (at <= latest), away, np.inf)
         if possible.min() <= NEAR:
             first = int(np.flatnonzero(possible <= possible.min() + _ALIKE)[0])
-            return Found(max(float(at[first]), done), float(away[first]))
+            return Found(float(max(at[first], done)), float(away[first]))
     return None
 
 
 def _measured(
-    lines: Sequence[Float[np.ndarray, "point 2"]], lengths: Sequence[float]
+    lines: Sequence[Float[np.ndarray, "_ 2"]], lengths: Sequence[float]
 ) -> tuple[Float[np.ndarray, " piece"], Float[np.ndarray, " piece"]]:
     """Metres of each straight piece of a route, and from where the route begins to it."""
     metres = []

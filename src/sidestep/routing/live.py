@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -48,6 +48,7 @@ ARRIVED = 15.0
 """Metres of its route, or in a straight line where it has left that, within which a walker has arrived."""
 
 
+@runtime_checkable
 class Streets(Protocol):
     """What :class:`~sidestep.routing.router.Router` does for walks under way."""
 
