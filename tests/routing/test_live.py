@@ -119,7 +119,7 @@ def test_times_are_those_of_what_is_left(walk, quiet, place) -> None:
     # Once round the corner the route is a straight line to its end.
     under_way, found = report(quiet, under_way, place(30, 0), after(100))
     assert found.seconds == pytest.approx(270 / FREE_SPEED, rel=1e-4)
-    assert under_way.nodes == (3, 0)
+    assert under_way.nodes == (3,)
     assert under_way.metres == pytest.approx(130, rel=1e-3)
     # On the Quay it is as slow as its crowd.
     _, quay = begin(quiet, RouteRequest(2, 5, depart=NOON))
@@ -162,7 +162,7 @@ def test_crowds_are_forgotten(walk, quiet, place) -> None:
     assert (found.seen, streets(found)[1]) == (False, "Back Road")
     under_way, found = report(quiet, under_way, place(0, 30), after(60 + FORGOTTEN))
     assert (streets(found)[1], found.changed, under_way.sightings) == ("Long Street", True, ())
-    assert found.why == "footway, Long Street is 1 min faster by now"
+    assert found.why == "Long Street is 1 min faster by now"
 
 
 def test_the_latest_crowd_of_a_street_counts(walk, quiet, place) -> None:
@@ -208,7 +208,7 @@ def test_who_leaves_the_route_gets_another(walk, quiet, place) -> None:
     there, found = report(quiet, there, place(160, -50), after(240))
     assert (found.left_route, found.changed, found.seconds) == (False, False, pytest.approx(190 / FREE_SPEED, rel=1e-3))
     there, found = report(quiet, there, place(240, 0), after(400))
-    assert (found.left_route, there.nodes[-1]) == (False, 1)
+    assert (found.left_route, there.nodes) == (False, (3, 8))  # the place where it left the route has a number as well
     there, found = report(quiet, there, place(291, 0), after(440))
     assert found.arrived
 
@@ -237,10 +237,8 @@ def test_near_the_end_off_the_route_is_there(walk, quiet, place) -> None:
         (99, 60, {}, "location"),
         (7, 60, {}, "location"),  # on the island
         ("somewhere", 60, {}, "location"),
-        (None, 60, {}, "location"),
         (0, -1, {}, "time"),
         (0, 29, {}, "time"),
-        (0, None, {}, "time"),
         (0, 60, {"density": -0.1}, "density"),
         (0, 60, {"density": float("nan")}, "density"),
         (0, 60, {"density": 99.0}, "density"),
@@ -254,7 +252,7 @@ def test_reports_that_say_nothing_are_refused(walk, quiet, place, location, time
     under_way, _ = walk()
     under_way, _ = report(quiet, under_way, place(0, 60), after(30))
     with pytest.raises(SidestepError) as caught:
-        report(quiet, under_way, location, time if time is None else after(time), **more)
+        report(quiet, under_way, location, after(time), **more)
     assert caught.value.field == field
 
 
@@ -305,7 +303,7 @@ def test_another_process_goes_on_with_a_walk(tiny, place) -> None:
 
     alone = walked(written=False)
     assert walked(written=True) == alone
-    assert [each["left_route"] for each in alone] == [False, False, True, True, False]
+    assert [each["left_route"] for each in alone] == [False, False, True, False, False]
 
 
 def test_what_is_no_walk_is_refused(walk) -> None:
@@ -344,7 +342,7 @@ def test_new_counts_change_the_plan(counted, live) -> None:
     counts = live("2025-05-24 12:00,40000")
     under_way, found = replan(counted, under_way, live=counts, time=after(20))
     assert (found.changed, streets(found)[1]) == (True, "Back Road")
-    assert found.why.startswith("new counts make footway, Back Road, Long Street ")
+    assert found.why.startswith("new counts make Back Road, Long Street ")
     assert found.why.endswith(" min faster")
     # It knows of no other way from here, and sees no reason for another.
     under_way, found = report(counted, under_way, 0, after(75), live=counts)
@@ -379,7 +377,7 @@ def rolled_out(planner: GreedyLocal | GreedyMap, future: int) -> tuple[list[int]
         slot = jnp.int32(min(int(state.clock // SMALL.slot_seconds), SMALL.slots - 1))
         density = params.futures.speeds.density_at(whole(future), jnp.array(segments), slot).tolist()
         looks.append((int(state.node), float(state.clock), [*zip(segments, density, strict=True)]))
-        action = planner.decide(None, None, seen, jax.random.key(0))
+        action = planner.decide(None, jnp.float32(0), seen, jax.random.key(0))
         state, outcome = step(params, state, action)
         seen = outcome.observation
         walked.append(int(outcome.segment))
@@ -402,11 +400,11 @@ def test_who_sees_the_same_decides_the_same(planner, future: int) -> None:
 
 
 def test_a_trained_model_walks(tmp_path) -> None:
-    tiny = preset("default", "local").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64, hidden=(4,))
+    tiny = preset("default", "map").changed(rounds=2, round_steps=64, walkers=8, batch=16, capacity=64, hidden=(4,))
     train(SMALL, tiny.changed(test_walks=2, futures=2, fresh_futures=0), out=tmp_path / "model")
     here = Router(SMALL, model=tmp_path / "model")
     under_way, found = begin(here, RouteRequest(0, 8, depart=10.0))
-    assert (under_way.planner, found.plan.planner, found.plan.level) == ("darp", "darp", "local")
+    assert (under_way.planner, found.plan.planner, found.plan.level) == ("darp", "darp", "map")
     minutes, turns = 10.0, 0
     while not found.arrived and turns < 30:
         minutes, turns = minutes + 4, turns + 1
@@ -420,7 +418,8 @@ def test_a_trained_model_walks(tmp_path) -> None:
 def test_grids_have_no_coordinates() -> None:
     here = Router(SMALL)
     under_way, found = begin(here, RouteRequest(depart=10.0))
-    assert (found.next.latitude, found.plan.steps, found.arrives[-21:]) == (None, None, " min after the start"[-21:])
+    assert (found.next.latitude, found.plan.steps) == (None, None)
+    assert found.arrives.endswith(" min after the start")
     with pytest.raises(RouteError) as caught:
         report(here, under_way, (60.0, 25.0), 11.0)
     assert caught.value.field == "location"
@@ -444,7 +443,7 @@ def test_who_came_in_before_the_gate_shuts_walks_on(tiny, town, place, tmp_path)
     assert streets(found)[-1] == "Back Road"
 
 
-def test_a_report_compiles_nothing_that_was_compiled(quiet, tiny, place, compiled) -> None:
+def test_a_report_compiles_nothing_that_was_compiled(tiny, place, compiled) -> None:
     here = Router(tiny)
     under_way, _ = begin(here, RouteRequest(3, 2, depart=NOON, futures=7))
     crowd = [Ahead(bearing=EAST, density=0.2)]

@@ -57,10 +57,11 @@ THERE = Decision(
 )
 
 
-def arrived_at(walk: WalkUnderWay, away: float | None) -> tuple[WalkUnderWay, Decision]:
+def arrived_at(walk: WalkUnderWay, located: Located, away: float | None) -> tuple[WalkUnderWay, Decision]:
     """The end of a walk."""
-    clock = walk.clock
-    walk = replace(walk, arrived=True, segments=(), along=0.0, sightings=(), arrival=clock, p50=clock, p90=clock)
+    clock, nodes = walk.clock, (*walk.nodes, *located.ends_of(walk.segments)[0])
+    walk = replace(walk, arrived=True, segments=(), along=0.0, nodes=nodes, sightings=())
+    walk = replace(walk, arrival=clock, p50=clock, p90=clock)
     return walk, replace(THERE, metres_away=away)
 
 
@@ -69,8 +70,8 @@ def standing_of(walk: WalkUnderWay, located: Located) -> Standing:
     clock, before = walk.clock - walk.crowds_from, walk.nodes[::-1]
     if not walk.segments:
         return Standing(located.ends[0].node, clock, before, inside=walk.rerouted)
-    network, segment = located.scenario_map.network, walk.segments[0]
-    tail, head, length = int(network.tail[segment]), int(network.head[segment]), float(network.length[segment])
+    (segment, *_), ((tail, *_), (head, *_)) = walk.segments, located.ends_of(walk.segments)
+    length = located.metres_of([segment])[0]
     if walk.along <= min(AT_CROSSING, length / 2):
         ago = walk.along / located.scenario.walker.free_speed
         return Standing(tail, clock, before, ago=ago, inside=walk.rerouted and tail == located.ends[0].node)
@@ -82,7 +83,7 @@ def decided(walk: WalkUnderWay, located: Located, planner: Planner, news: News) 
     standing = standing_of(walk, located)
     before = walk.segments[standing.segment is not None :] if walk.segments else None
     if before is None and standing.node == located.ends[1].node:
-        return arrived_at(walk, news.away)
+        return arrived_at(walk, located, news.away)
     onward = Onward(located, planner, walk.futures, standing, as_arrays(walk, located))
     route, gain = _chosen(onward, planner, before)
     on_way = walk.segments[:1] if standing.segment is not None else ()
@@ -207,7 +208,7 @@ class _Rest:
         density = float(onward.density[segment, min(int(standing.clock // slot_seconds), slots - 1)])
         leg = Leg(
             segment=segment,
-            metres=float(onward.params.network.length[segment]) * standing.part,
+            metres=onward.located.metres_of([segment])[0] * standing.part,
             minutes=self.until_node / 60,
             density=density,
             exposure=density * self.until_node,
@@ -229,7 +230,7 @@ def _point(located: Located, segment: int, along: float) -> Float[np.ndarray, "2
     """X and y in m of a place some metres along a segment."""
     line = located.line(segment)
     passed = np.append(0.0, np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum())
-    at = passed[-1] * along / float(located.scenario_map.network.length[segment])
+    at = passed[-1] * along / located.metres_of([segment])[0]
     return np.array([np.interp(at, passed, column) for column in line.T])
 
 
@@ -237,23 +238,24 @@ def _position(walk: WalkUnderWay, located: Located, away: float | None) -> End:
     """Where the walker is, on the street."""
     if not walk.segments:
         return located.named_ends[0]
-    network, segment = located.scenario_map.network, walk.segments[0]
+    (segment, *_), ((tail, *_), _) = walk.segments, located.ends_of(walk.segments)
     degrees = located.in_degrees(_point(located, segment, walk.along))
-    node = located.named(int(network.tail[segment])) if walk.along == 0 else None
+    node = located.named(tail) if walk.along == 0 else None
     if degrees is None:
-        return End(node, f"{walk.along:.0f} m beyond node {int(network.tail[segment])}")
+        return End(node, f"{walk.along:.0f} m beyond node {tail}")
     longitude, latitude = degrees.tolist()
     return End(node, f"{latitude:.5f},{longitude:.5f}", latitude, longitude, away or 0.0)
 
 
 def _next_turn(walk: WalkUnderWay, located: Located, standing: Standing, route: Route, metres: float) -> NextTurn:
     """What to do at the next crossing."""
-    network, node = located.scenario_map.network, standing.node
-    degrees = located.in_degrees(np.asarray(network.position)[node].astype(np.float64))
+    node = standing.node
+    degrees = located.in_degrees(np.asarray(located.scenario_map.network.position)[node].astype(np.float64))
     longitude, latitude = (None, None) if degrees is None else degrees.tolist()
     segment = standing.segment
-    if segment is None and walk.nodes:  # the last one on the way here
-        segment = next((each for each in located.exits(walk.nodes[-1]) if network.head[each] == node), None)
+    if segment is None and walk.segments and walk.nodes:  # the last one on the way here
+        exits = located.exits(walk.nodes[-1])
+        segment = next((one for one, head in zip(exits, located.ends_of(exits)[1], strict=True) if head == node), None)
     before = None if segment is None else located.bearings(segment)[1]
     if not route.segments:
         onto, turn, bearing = walk.segments[0], "arrive", before or 0.0

@@ -155,11 +155,11 @@ def report(
     place = read_place("location", location)
     if place is None:
         raise RouteError("the location is missing; give latitude and longitude, or a node", field="location")
-    if density is not None:
-        check_density(density, "density")
-    for each in ahead:
-        check_density(each.density, "ahead")
     located = _located(streets, walk, live)
+    if density is not None:
+        check_density(density, located, "density")
+    for each in ahead:
+        check_density(each.density, located, "ahead")
     clock = _clock(walk, located, time)
     if walk.arrived:
         return replace(walk, clock=clock), THERE
@@ -167,10 +167,10 @@ def report(
     walk = replace(walk, clock=clock)
     if found is not None:
         walk = _come(walk, located, found.metres)
-        if _metres_left(walk, located) <= ARRIVED:
-            return arrived_at(walk, found.away)
+        if sum(located.metres_of(walk.segments)) - walk.along <= ARRIVED:
+            return arrived_at(walk, located, found.away)
     elif _is_there(located, place):
-        return arrived_at(walk, None)
+        return arrived_at(walk, located, None)
     else:
         walk = _rerouted(walk, located, place)
     moved = _crowds_moved(walk, located)
@@ -242,16 +242,19 @@ def _located(streets: Streets, walk: WalkUnderWay, live: Counts | None) -> Locat
     given = Circumstances(depart=read_departure(walk.crowds_at), live=live, avoid=walk.avoid)
     with _of_location(walk):
         located = streets.locate_walk(begins, ends, given)
-    network, route = located.scenario_map.network, np.array(walk.segments, int)
     if located.scenario.name != walk.scenario:
         said = f"the walk is one through {walk.scenario}, not {located.scenario.name}"
         raise RouteError(f"{said}; go on with it where it began", field="walk")
-    joined = ((route >= 0) & (route < network.segments)).all() and (
-        np.asarray(network.head)[route[:-1]] == np.asarray(network.tail)[route[1:]]
-    ).all()
-    if not joined:
+    if not _is_route(walk.segments, located):
         raise RouteError("the segments of the walk are no route on these streets; begin it anew", field="walk")
     return located
+
+
+def _is_route(segments: Sequence[int], located: Located) -> bool:
+    if not all(0 <= segment < located.scenario_map.network.segments for segment in segments):
+        return False
+    tails, heads = located.ends_of(segments)
+    return heads[:-1] == tails[1:]
 
 
 @contextmanager
@@ -305,38 +308,28 @@ def _crowds_moved(walk: WalkUnderWay, located: Located, seconds: float | None = 
     return replace(walk, crowds_at=_text(moved.given), crowds_from=walk.crowds_from + ahead)
 
 
-def _lengths(walk: WalkUnderWay, located: Located) -> list[float]:
-    """Metres of the segments of the route."""
-    return np.asarray(located.scenario_map.network.length)[np.array(walk.segments, int)].tolist()
-
-
-def _metres_left(walk: WalkUnderWay, located: Located) -> float:
-    return sum(_lengths(walk, located)) - walk.along
-
-
 def _found(walk: WalkUnderWay, located: Located, place: Place, seconds: float) -> Found | None:
     """Find a place on the rest of the route."""
     if isinstance(place, int):
-        network, route = located.scenario_map.network, np.array(walk.segments, int)
-        nodes = [*np.asarray(network.tail)[route[:1]].tolist(), *np.asarray(network.head)[route].tolist()]
-        metres = np.append(0.0, np.cumsum(_lengths(walk, located))).tolist()
+        tails, heads = located.ends_of(walk.segments)
+        nodes, metres = [*tails[:1], *heads], np.append(0.0, np.cumsum(located.metres_of(walk.segments))).tolist()
         passed = zip(nodes, metres, strict=False)
         there = next((at for node, at in passed if node == place and at >= walk.along - NEAR), None)
         return None if there is None else Found(max(there, walk.along), 0.0)
     here = located.on_plane(*place)
     if not walk.segments:
         return None
-    return follow([*map(located.line, walk.segments)], _lengths(walk, located), here, walk.along, seconds)
+    lines = [*map(located.line, walk.segments)]
+    return follow(lines, located.metres_of(walk.segments), here, walk.along, seconds)
 
 
 def _come(walk: WalkUnderWay, located: Located, metres: float) -> WalkUnderWay:
     """The walk once the walker has come some metres from where its segments begin."""
-    network, gone = located.scenario_map.network, 0
-    lengths, along = _lengths(walk, located), metres
+    lengths, along, gone = located.metres_of(walk.segments), metres, 0
     while gone < len(lengths) - 1 and along >= lengths[gone]:
         along -= lengths[gone]
         gone += 1
-    left = np.asarray(network.tail)[np.array(walk.segments[:gone], int)].tolist()
+    left, _ = located.ends_of(walk.segments[:gone])
     return replace(
         walk,
         segments=walk.segments[gone:],
@@ -348,7 +341,7 @@ def _come(walk: WalkUnderWay, located: Located, metres: float) -> WalkUnderWay:
 
 def _rerouted(walk: WalkUnderWay, located: Located, place: Place) -> WalkUnderWay:
     """The walk without a route, which is to begin anew at a place."""
-    before = np.asarray(located.scenario_map.network.tail)[np.array(walk.segments[:1], int)].tolist()
+    before, _ = located.ends_of(walk.segments[:1])
     # Numbers of places in the middle of streets are those of one route.
     nodes = tuple(node for node in (*walk.nodes, *before) if node < located.nodes)
     return replace(walk, begins=place, rerouted=True, segments=(), along=0.0, nodes=nodes)

@@ -1,5 +1,6 @@
 """Requests on the streets: with locate.py the only modules here that tell grids from towns."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,7 +25,7 @@ from sidestep.routing.paces import Paces
 from sidestep.routing.request import RouteError
 from sidestep.scenarios.maps import ScenarioMap
 from sidestep.scenarios.model import Scenario
-from sidestep.walking.speed_laws import FREE_SPEED
+from sidestep.walking.speed_laws import DENSEST, FREE_SPEED
 
 FUTURES = 200
 """Futures that are simulated by default."""
@@ -95,6 +96,9 @@ class Located:
 
     may_stay: ClassVar[bool] = True
     """Whether a route may end where it begins."""
+
+    densest: ClassVar[float] = sys.float_info.max
+    """Persons/m² that anybody sees at most; the paper's density is no number of persons for an area."""
 
     @property
     def hours(self) -> list[float]:
@@ -169,10 +173,20 @@ class Located:
         """A number for the street of each segment: the same both ways, on all its pieces, and for other requests."""
         return np.unique(self.pieces(), axis=0, return_inverse=True)[1].reshape(-1)
 
+    def ends_of(self, segments: Sequence[int]) -> tuple[list[int], list[int]]:
+        """The nodes where segments begin, and those where they end."""
+        network, which = self.scenario_map.network, np.array(segments, int)
+        # By NumPy: JAX would compile a program for each of these.
+        return np.asarray(network.tail)[which].tolist(), np.asarray(network.head)[which].tolist()
+
+    def metres_of(self, segments: Sequence[int]) -> list[float]:
+        """The lengths of segments."""
+        return np.asarray(self.scenario_map.network.length)[np.array(segments, int)].tolist()
+
     def street_name(self, segment: int) -> str:
         """What people call the street of a segment."""
-        network = self.scenario_map.network
-        return f"the street from node {int(network.tail[segment])} to node {int(network.head[segment])}"
+        (tail,), (head,) = self.ends_of([segment])
+        return f"the street from node {tail} to node {head}"
 
     def line(self, segment: int) -> Float[np.ndarray, "point 2"]:
         """Give the course of a segment.
@@ -187,9 +201,8 @@ class Located:
         Float[np.ndarray, "point 2"]
             x and y in m, in walking direction; on grids a straight line.
         """
-        network = self.scenario_map.network
-        ends = [int(network.tail[segment]), int(network.head[segment])]
-        return np.asarray(network.position)[ends].astype(np.float64)
+        ends = np.ravel(self.ends_of([segment]))
+        return np.asarray(self.scenario_map.network.position)[ends].astype(np.float64)
 
     def bearings(self, segment: int) -> tuple[float, float]:
         """Bearings in which a segment begins and ends, degrees clockwise from north, or on grids from the y axis."""
@@ -263,6 +276,7 @@ class LocatedInTown(Located):
     baselines: tuple[Planner, ...] = BASELINES
     live_futures: int = LIVE_FUTURES
     may_stay: ClassVar[bool] = False
+    densest: ClassVar[float] = DENSEST
 
     def pieces(self) -> Int[np.ndarray, "segment 3"]:
         ends = super().pieces()

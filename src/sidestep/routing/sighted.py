@@ -11,17 +11,16 @@ from sidestep.routing.located import Located
 from sidestep.routing.request import RouteError
 from sidestep.routing.under_way import Ahead, Sighting, WalkUnderWay
 from sidestep.walking.sightings import COUNTS_FOR, FORGOTTEN, Sightings
-from sidestep.walking.speed_laws import DENSEST
 
 ASIDE = 45.0
 """Degrees at most between the bearing of a crowd that is seen and that of its street."""
 
 
-def check_density(density: object, field: str) -> None:
+def check_density(density: object, located: Located, field: str) -> None:
     """Refuse densities that nobody sees; RouteError with the parameter as its field."""
     number = isinstance(density, (int, float)) and not isinstance(density, bool)
-    if not (number and 0 <= density <= DENSEST):  # type: ignore[operator]
-        said = f"a density that is seen must be 0 to {DENSEST:g} persons/m²"
+    if not (number and 0 <= density <= located.densest):  # type: ignore[operator]
+        said = f"a density that is seen must be 0 to {located.densest:g} persons/m²"
         raise RouteError(f"{said}, not {density!r:.60}", field=field)
 
 

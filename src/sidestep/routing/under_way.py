@@ -81,7 +81,8 @@ class WalkUnderWay:
     """Metres walked on that segment."""
 
     nodes: tuple[int, ...] = ()
-    """Nodes left so far, one after the other; of those in the middle of streets that where the present route begins."""
+    """Nodes left before the segment that the walker is on, one after the other. Of those in the middle of streets only
+    the one where the present route begins is among them."""
 
     metres: float = 0.0
     """Metres walked along routes."""
