@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sidestep.routing import directions as module
-from sidestep.routing.directions import Leg, Step, bearings, compass_word, crowding_word, mean_density, turn_word
-
-
-def directions(legs: list[Leg]) -> list[Step]:
-    return module.directions(legs, [bearings(np.array(leg.coordinates)) for leg in legs])
-
+from sidestep.routing.directions import Leg, bearings, compass_word, crowding_word, directions, mean_density, turn_word
 
 DEGREE = 111_195.08  # m, on the equator
 

@@ -193,7 +193,7 @@ def plane_bearings(place: Float[np.ndarray, "point 2"]) -> tuple[float, float]:
     return begins % 360, ends % 360
 
 
-def directions(legs: Sequence[Leg], headings: Sequence[tuple[float, float]]) -> list[Step]:
+def directions(legs: Sequence[Leg], headings: Sequence[tuple[float, float]] | None = None) -> list[Step]:
     """Turn by turn.
 
     Streets of one name are one line, with the few metres of another street that may lie between them, and so are a
@@ -201,14 +201,17 @@ def directions(legs: Sequence[Leg], headings: Sequence[tuple[float, float]]) -> 
 
     Parameters
     ----------
-    legs, headings
-        Of a route in a town; and in which bearings each of them begins and ends (:func:`bearings`).
+    legs
+        Of a route in a town.
+    headings
+        In which bearings each of them begins and ends, if they are known already.
 
     Returns
     -------
     list of Step
         The lines, in the order of the route.
     """
+    headings = [bearings(np.array(leg.coordinates)) for leg in legs] if headings is None else headings
     groups: list[tuple[str, int, list[Leg]]] = []
     for number, (leg, (begins, _)) in enumerate(zip(legs, headings, strict=True)):
         turn = turn_word(headings[number - 1][1], begins) if groups else f"head {compass_word(begins)}"

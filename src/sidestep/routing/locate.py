@@ -47,7 +47,7 @@ class Circumstances:
     avoid: Area | None = None
     """Polygons whose streets are not walked."""
 
-    exclude: tuple[str, ...] = ()
+    exclude: Sequence[str] = ()
     """Kinds of streets that are not walked."""
 
     field: str = "depart"

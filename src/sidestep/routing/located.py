@@ -352,14 +352,13 @@ class LocatedInTown(Located):
     def on_map(self, legs: list[Leg], density: Float[np.ndarray, " segment"]) -> OnMap:
         """Name the streets of the legs, put turns into words, and show the densest crowd of each street."""
         town, street_of = self.streets.town, self.streets.street
-        named, headings = [], []
+        named = []
         for leg in legs:
             street, course = int(street_of[leg.segment]), np.round(self.streets.course(leg.segment), 7).tolist()
             named.append(
                 replace(leg, street=street, name=town.name[street], kind=town.kind[street], coordinates=course)
             )
-            headings.append(bearings(np.array(course)))
-        return named, directions(named, headings), self.street_map(density)
+        return named, directions(named), self.street_map(density)
 
 
 @program()

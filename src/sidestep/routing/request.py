@@ -141,7 +141,7 @@ class RouteRequest:
     confidence: float | None = None
     """The least share of the futures in which the walk arrives by then; by default ``CONFIDENCE``."""
 
-    exclude: tuple[str, ...] = ()
+    exclude: Sequence[str] = ()
     """Kinds of streets that are not walked, such as ``steps``; only in towns."""
 
     def __post_init__(self) -> None:
@@ -155,6 +155,9 @@ class RouteRequest:
         check_count("futures", self.futures)
         check_count("alternatives", self.alternatives, least=0)
         check_files(live=self.live, avoid=self.avoid)
+        check_list("exclude", self.exclude)
+        if not all(isinstance(kind, str) for kind in self.exclude):
+            raise RouteError(f"exclude must be kinds of streets, not {self.exclude!r:.60}", field="exclude")
         if self.confidence is not None and not (_is_number(self.confidence) and 0 < self.confidence <= 1):
             said = "the confidence must be a probability above 0 and at most 1"
             raise RouteError(f"{said}, not {self.confidence!r:.60}", field="confidence")
