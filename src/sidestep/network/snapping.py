@@ -114,6 +114,24 @@ class Snapper:
         fraction = float(along) / max(line.length, 1e-12)  # two crossings may be at the same place
         return StreetPoint(street, fraction, distance, (latitude, longitude))
 
+    def bearing(self, point: StreetPoint) -> float:
+        """Give the bearing of a street at a point on it.
+
+        Parameters
+        ----------
+        point
+            On a street.
+
+        Returns
+        -------
+        float
+            Degrees clockwise from north, from the street's tail to its head.
+        """
+        line = self._index.geometries[point.street]
+        along = np.clip(point.fraction * line.length + np.array([-1.0, 1.0]), 0.0, line.length)
+        (west, south), (east, north) = shapely.get_coordinates(shapely.line_interpolate_point(line, along))
+        return float(np.degrees(np.arctan2(east - west, north - south)) % 360)
+
     def is_swapped(self, latitude: float, longitude: float) -> bool:
         """Tell whether a place that is not in this town is, with latitude and longitude the other way round.
 
