@@ -11,7 +11,8 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import pairwise
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -30,7 +31,9 @@ MOST_ALTERNATIVES = 3
 MOST_NEAREST = 100
 SIMPLIFIED = 10.0
 """Metres by which a simplified overview may be off."""
-ANNOTATIONS = ("duration", "distance", "speed", "weight", "congestion", "congestion_numeric")
+ANNOTATIONS = ("duration", "distance", "speed", "weight", "datasources", "congestion", "congestion_numeric")
+SOURCE = "expected crowds"
+"""What the numbers along a route come from."""
 PROFILES = ("foot", "walking", "pedestrian")
 CONGESTION = dict(zip((word for _, word in CROWDING), ("low", "moderate", "heavy", "severe"), strict=True))
 """Mapbox's words for congestion, which clients colour routes by, for ours of crowding."""
@@ -40,8 +43,14 @@ _MODIFIERS = ((20.0, "straight"), (60.0, "slight {}"), (120.0, "{}"), (165.0, "s
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
 _COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*", re.ASCII)
 _ENCODED = re.compile(r"polyline(6?)\((.*)\)", re.ASCII | re.DOTALL)
-_HINT = struct.Struct("<IId")
+_HINT = struct.Struct("<IIdii")
 _SUFFIX = ".json"
+_DIGITS = 6
+"""Of degrees, as OSRM has them: clients look for waypoints among the points of a line, which must be the same."""
+_DEGREE = 111_195.08
+"""Metres of a degree of latitude."""
+_BESIDE = 5.0, 300.0
+"""Metres from the end of a route between which its place is said to be on one side."""
 
 Coordinates = list[tuple[float, float]]
 """Longitudes and latitudes in degrees."""
@@ -58,21 +67,64 @@ def _commas(given: Any) -> Any:
     """The same with commas."""
     if isinstance(given, list) and len(given) == 1 and isinstance(given[0], str):
         given = given[0]
-    return given.split(",") if isinstance(given, str) and given not in {"true", "false"} else given
+    return given.split(",") if isinstance(given, str) else given
+
+
+def _all_or_names(given: Any) -> Any:
+    names = _commas(given)
+    return names == ["true"] if names in (["true"], ["false"]) else names
 
 
 def _unlimited(given: Any) -> Any:
-    return [math.inf if each in {"unlimited", "", None} else each for each in _split(given)] if given else given
+    parts = _split(given)
+    if not isinstance(parts, list):
+        return parts
+    return [math.inf if each in ("unlimited", "", None) else each for each in parts]
+
+
+def _bearings(given: Any) -> Any:
+    parts = _split(given)
+    if not isinstance(parts, list):
+        return parts
+    return _tuples(
+        [each.split(",") if isinstance(each, str) and each else None if each == "" else each for each in parts]
+    )
+
+
+def _tuples(parts: Any) -> Any:
+    """Lists as tuples, which JSON does not have."""
+    return [tuple(each) if isinstance(each, list) else each for each in parts] if isinstance(parts, list) else parts
 
 
 def _numbers_or_all(given: Any) -> Any:
-    return None if given in ("all", ["all"]) else _split(given)
+    return None if given in ("all", ["all"], []) else _split(given)
 
 
+def _alternatives(given: Any) -> Any:
+    given = {"true": True, "false": False}.get(given, given) if isinstance(given, str) else given
+    return int(given) if isinstance(given, bool) else given
+
+
+def _places(given: Any) -> Any:
+    return read_coordinates(given) if isinstance(given, str) else _tuples(given)
+
+
+Radius = Annotated[float, Field(ge=0)]
+Bearing = tuple[Annotated[int, Field(ge=0, le=360)], Annotated[int, Field(ge=0, le=180)]]
+"""Degrees clockwise from north, and how many the street may be off."""
+Pair = tuple[float, float]
+Approach = Literal["curb", "opposite", "unrestricted", ""]
 Hints = Annotated[list[str | None], BeforeValidator(_split), Field(max_length=MOST_COORDINATES)]
 Words = Annotated[list[str], BeforeValidator(_commas), Field(max_length=16)]
-Radiuses = Annotated[list[float], BeforeValidator(_unlimited), Field(max_length=MOST_COORDINATES)]
-Indices = Annotated[list[Annotated[int, Field(ge=0)]] | None, BeforeValidator(_numbers_or_all)]
+Names = Annotated[bool | Annotated[list[str], Field(max_length=16)], BeforeValidator(_all_or_names)]
+Radiuses = Annotated[list[Radius], BeforeValidator(_unlimited), Field(max_length=MOST_COORDINATES)]
+Bearings = Annotated[list[Bearing | None], BeforeValidator(_bearings), Field(max_length=MOST_COORDINATES)]
+Approaches = Annotated[list[Approach | None], BeforeValidator(_split), Field(max_length=MOST_COORDINATES)]
+Indices = Annotated[
+    Annotated[list[Annotated[int, Field(ge=0)]], Field(max_length=MOST_COORDINATES)] | None,
+    BeforeValidator(_numbers_or_all),
+]
+Places = Annotated[list[Pair], BeforeValidator(_places, json_schema_input_type=list[Pair] | str)]
 Text = Annotated[str, Field(max_length=200)]
 
 
@@ -85,12 +137,14 @@ class General(BaseModel):
     """From an earlier answer, one for each coordinate: the place on the streets is not looked for again."""
     radiuses: Radiuses | None = None
     """Metres from each coordinate within which its street lies."""
-    approaches: Annotated[list[str], BeforeValidator(_split)] | None = None
+    bearings: Bearings | None = None
+    """Bearings of the streets on which the coordinates are looked for. Walkers may set out either way."""
+    approaches: Approaches | None = None
     """Accepted and ignored: walkers come from either side."""
     generate_hints: bool = True
     skip_waypoints: bool = False
     exclude: Words = Field(default_factory=list)
-    """Kinds of streets that are not walked, such as ``steps``."""
+    """Kinds of streets that are not walked, such as ``steps``; ``none`` is none of them."""
     snapping: Literal["default", "any"] = "default"
     depart_at: Text | None = None
     """Local time: ISO 8601, ``Fri 17:30`` or ``17:30``; by default now."""
@@ -101,9 +155,10 @@ class General(BaseModel):
 class RouteOptions(General):
     """Parameters of the service ``route``."""
 
-    alternatives: Annotated[int, Field(ge=0, le=MOST_ALTERNATIVES)] | bool = False
+    alternatives: Annotated[int, BeforeValidator(_alternatives, json_schema_input_type=bool | int), Field(ge=0)] = 0
+    """The most of them; none between more than two coordinates."""
     steps: bool = False
-    annotations: bool | Words = False
+    annotations: Names = False
     geometries: Literal["polyline", "polyline6", "geojson"] = "polyline"
     overview: Literal["simplified", "full", "false", False] = "simplified"
     continue_straight: Literal["default", "true", "false"] | bool = "default"
@@ -126,8 +181,11 @@ class TableOptions(General):
 
     sources: Indices = None
     destinations: Indices = None
-    annotations: Words = Field(default_factory=lambda: ["duration"])
+    annotations: Names = Field(default_factory=lambda: ["duration"])
     scale_factor: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    fallback_speed: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    """Metres per second, as the crow flies, where no path leads."""
+    fallback_coordinate: Literal["input", "snapped"] = "input"
 
 
 class NearestOptions(General):
@@ -136,15 +194,13 @@ class NearestOptions(General):
     number: Annotated[int, Field(ge=1, le=MOST_NEAREST)] = 1
 
 
-Pair = tuple[float, float]
-
-
 class RouteBody(RouteOptions):
     """Body of a route's POST."""
 
     model_config = ConfigDict(strict=True)
 
-    coordinates: Annotated[list[Pair], Field(min_length=2, max_length=MOST_COORDINATES)]
+    coordinates: Annotated[Places, Field(max_length=MOST_COORDINATES)]
+    format: Literal["json"] = "json"
     avoid: dict[str, Any] | None = None
     """GeoJSON polygons whose streets are not walked."""
 
@@ -154,7 +210,8 @@ class TableBody(TableOptions):
 
     model_config = ConfigDict(strict=True)
 
-    coordinates: Annotated[list[Pair], Field(min_length=1, max_length=MOST_COORDINATES)]
+    coordinates: Annotated[Places, Field(max_length=MOST_COORDINATES)]
+    format: Literal["json"] = "json"
 
 
 class NearestBody(NearestOptions):
@@ -162,7 +219,8 @@ class NearestBody(NearestOptions):
 
     model_config = ConfigDict(strict=True)
 
-    coordinates: Annotated[list[Pair], Field(min_length=1, max_length=1)]
+    coordinates: Annotated[Places, Field(max_length=MOST_COORDINATES)]
+    format: Literal["json"] = "json"
 
 
 def check_profile(profile: str) -> None:
@@ -193,13 +251,15 @@ def read_coordinates(text: str, most: int = MOST_COORDINATES) -> Coordinates:
         Anything else (``InvalidQuery``), degrees that do not exist (``InvalidValue``), too many (``TooBig``).
     """
     text = text.removesuffix(_SUFFIX)
+    if text.endswith(".flatbuffers"):
+        raise ProblemError(400, "answers are JSON only", field="format", code="NotImplemented")
     if text.count(";") >= most or len(text) > 64 * most:
         raise ProblemError(400, f"there may be {most} coordinates at most", field="coordinates", code="TooBig")
     if encoded := _ENCODED.fullmatch(text):
         try:
             found = polyline.decode(encoded[2], 6 if encoded[1] else 5, geojson=True)
-        except (IndexError, ValueError) as error:
-            raise ProblemError(400, "the polyline is cut off", field="coordinates", code="InvalidQuery") from error
+        except (IndexError, OverflowError, ValueError) as error:
+            raise ProblemError(400, "this is no polyline", field="coordinates", code="InvalidQuery") from error
     elif _COORDINATES.fullmatch(text):
         numbers = [float(each) for pair in text.split(";") for each in pair.split(",")]
         found = list(zip(numbers[::2], numbers[1::2], strict=True))
@@ -238,6 +298,11 @@ def check_coordinates(found: Sequence[Pair], most: int = MOST_COORDINATES) -> Co
     return list(found)
 
 
+def excluded(options: General) -> tuple[str, ...]:
+    """The kinds of streets that are not walked."""
+    return tuple(kind for kind in options.exclude if kind != "none")
+
+
 def check_number(field: str, given: Sequence[Any] | None, coordinates: int) -> None:
     """Refuse lists that must have one entry for each coordinate, and have not."""
     if given is not None and len(given) != coordinates:
@@ -266,7 +331,7 @@ def check_indices(field: str, given: Sequence[int] | None, coordinates: int) -> 
         Numbers of no coordinate.
     """
     found = range(coordinates) if given is None else given
-    if not found or max(found) >= coordinates:
+    if not found or max(found) >= coordinates or len(found) > coordinates:
         said = f"{field} must be numbers of coordinates, 0 to {coordinates - 1}"
         raise ProblemError(400, said, field=field, code="InvalidOptions")
     return found
@@ -276,13 +341,13 @@ def checked_annotations(given: bool | Sequence[str], known: Sequence[str]) -> li
     """Names of annotations; those that are not known are refused."""
     if isinstance(given, bool):
         return [*known] if given else []
-    if given in (["true"], ["false"]):
-        return [*known] if given == ["true"] else []
     for name in given:
         if name not in known:
             said = f"annotations must be among {', '.join(known)}, not {name!r:.40}"
-            raise ProblemError(400, said, field="annotations", code="InvalidOptions")
-    return list(given)
+            # The points between two crossings have no numbers here.
+            code = "NotImplemented" if name == "nodes" and len(known) > 2 else "InvalidQuery"
+            raise ProblemError(400, said, field="annotations", code=code)
+    return list(dict.fromkeys(given))
 
 
 class Hinter:
@@ -298,9 +363,11 @@ class Hinter:
         self._town = town
         self._sum = zlib.crc32(town.points.tobytes())
 
-    def hint(self, point: StreetPoint) -> str:
-        """Text for a place on a street."""
-        return base64.urlsafe_b64encode(_HINT.pack(self._sum, point.street, point.fraction)).decode()
+    def hint(self, point: StreetPoint, coordinate: Pair) -> str:
+        """Text for a place on a street, found for a longitude and a latitude."""
+        return base64.urlsafe_b64encode(
+            _HINT.pack(self._sum, point.street, point.fraction, *_fixed(coordinate))
+        ).decode()
 
     def point(self, hint: str | None, longitude: float, latitude: float) -> StreetPoint | None:
         """The place on a street that a hint says.
@@ -315,14 +382,16 @@ class Hinter:
         Returns
         -------
         StreetPoint or None
-            None where it must be looked for.
+            None where it must be looked for, as for other coordinates than those of the hint.
         """
         try:
-            total, street, fraction = _HINT.unpack(base64.urlsafe_b64decode(hint or ""))
+            total, street, fraction, *coordinate = _HINT.unpack(base64.urlsafe_b64decode(hint or ""))
         except (ValueError, struct.error):
             return None
         town = self._town
         if total != self._sum or not (0 <= street < town.streets and 0 <= fraction <= 1):
+            return None
+        if tuple(coordinate) != _fixed((longitude, latitude)):
             return None
         course = town.project(town.course(street))
         along = np.append(0.0, np.linalg.norm(np.diff(course, axis=0), axis=1).cumsum())
@@ -330,6 +399,17 @@ class Hinter:
         away = float(np.linalg.norm(town.project(np.array([longitude, latitude])) - at))
         there = town.projection.unproject(at).tolist()
         return StreetPoint(street, fraction, away, (there[1], there[0]))
+
+
+def _fixed(coordinate: Pair) -> tuple[int, int]:
+    longitude, latitude = coordinate
+    return round(longitude * 10**_DIGITS), round(latitude * 10**_DIGITS)
+
+
+def rounded(place: Sequence[float]) -> Pair:
+    """A longitude and latitude with as many digits as all places have in answers."""
+    longitude, latitude = place
+    return round(longitude, _DIGITS), round(latitude, _DIGITS)
 
 
 def waypoint(place: Pair, point: StreetPoint, name: str, hint: str | None) -> dict[str, Any]:
@@ -349,7 +429,7 @@ def waypoint(place: Pair, point: StreetPoint, name: str, hint: str | None) -> di
     dict
         OSRM's waypoint.
     """
-    found = {"location": list(place), "name": name, "distance": round(point.distance, 3)}
+    found = {"location": list(rounded(place)), "name": name, "distance": round(point.distance, 3)}
     return found if hint is None else {"hint": hint, **found}
 
 
@@ -363,6 +443,8 @@ class Stretch:
     """Turn by turn."""
     place: Pair
     """Longitude and latitude where it begins."""
+    sought: Pair | None = None
+    """Those of the coordinate at its end, which may lie beside the street."""
 
     @property
     def seconds(self) -> float:
@@ -372,29 +454,16 @@ class Stretch:
     def metres(self) -> float:
         return sum(leg.metres for leg in self.legs)
 
-    @property
+    @cached_property
     def course(self) -> list[list[float]]:
-        """Its points, those at which two segments meet once; two points at least."""
-        return course_of(self.legs, self.place)
+        """Longitudes and latitudes, points at which two segments meet once; two points at least."""
+        points = [point for number, leg in enumerate(self.legs) for point in (leg.coordinates or [])[number > 0 :]]
+        return np.round(points or [[*self.place], [*self.place]], _DIGITS).tolist()
 
-
-def course_of(legs: Sequence[Leg], place: Pair) -> list[list[float]]:
-    """The points of segments, those at which two of them meet once; two points at least.
-
-    Parameters
-    ----------
-    legs
-        The segments.
-    place
-        Where they begin.
-
-    Returns
-    -------
-    list
-        Longitude and latitude of each.
-    """
-    points = [point for number, leg in enumerate(legs) for point in (leg.coordinates or [])[number > 0 :]]
-    return points or [list(place), list(place)]
+    @cached_property
+    def begins(self) -> list[int]:
+        """Which point of the course each segment begins at, and at last which one the walk ends at."""
+        return [0, *accumulate(len(leg.coordinates or ()) - 1 for leg in self.legs)]
 
 
 def geometry(points: Any, form: str) -> Any:
@@ -433,7 +502,7 @@ def _steps(stretch: Stretch, form: str) -> list[dict[str, Any]]:
     for number, (step, (first, beyond)) in enumerate(
         zip(stretch.steps, pairwise([*firsts, len(stretch.legs)]), strict=True)
     ):
-        points = course_of(stretch.legs[first:beyond], stretch.place)
+        points = stretch.course[stretch.begins[first] : stretch.begins[beyond] + 1]
         turned = modifier(step.bearing_before, step.bearing_after)
         name = stretch.legs[first].name or ""
         kind = "turn"
@@ -448,7 +517,7 @@ def _steps(stretch: Stretch, form: str) -> list[dict[str, Any]]:
         found.append(_step(points, form, maneuver, name, 60 * step.minutes, step.metres))
     points = stretch.course
     end = _heading(stretch.legs)
-    arrival = _maneuver("arrive", "straight", points[-1], end, None)
+    arrival = _maneuver("arrive", _side(stretch, end), points[-1], end, None)
     arrival["instruction"] = "arrive"
     name = (stretch.legs[-1].name or "") if stretch.legs else ""
     if not found:
@@ -464,6 +533,18 @@ def _heading(legs: Sequence[Leg]) -> float:
         return 0.0
     (west, south), (east, north) = legs[-1].coordinates[-2:]
     return math.degrees(math.atan2((east - west) * math.cos(math.radians(north)), north - south)) % 360
+
+
+def _side(stretch: Stretch, heading: float) -> str:
+    """On which side of a walk's end the coordinate is that it leads to; straight on where it is on the street."""
+    if stretch.sought is None:
+        return "straight"
+    (west, south), (east, north) = stretch.course[-1], stretch.sought
+    beside, ahead = (east - west) * math.cos(math.radians(north)), north - south
+    nearest, farthest = _BESIDE
+    if not nearest <= _DEGREE * math.hypot(beside, ahead) <= farthest:
+        return "straight"
+    return modifier(heading, math.degrees(math.atan2(beside, ahead)) % 360)
 
 
 def _maneuver(kind: str, turned: str, place: list[float], before: float | None, after: float | None) -> dict[str, Any]:
@@ -487,7 +568,9 @@ def _step(
         case "arrive":
             crossing |= {"in": 0, "bearings": [back], "entry": [True]}
         case _:
-            crossing |= {"in": 0, "out": 1, "bearings": [back, after], "entry": [False, True]}
+            ways = sorted({back, after})
+            crossing |= {"in": ways.index(back), "out": ways.index(after), "bearings": ways}
+            crossing["entry"] = [way == after for way in ways]
     return {
         "geometry": geometry(points, form),
         "maneuver": maneuver,
@@ -501,7 +584,7 @@ def _step(
     }
 
 
-def _annotation(stretch: Stretch, names: Sequence[str]) -> dict[str, list[Any]]:
+def _annotation(stretch: Stretch, names: Sequence[str]) -> dict[str, Any]:
     """Numbers for each pair of neighbouring points of the course."""
     columns: dict[str, list[Any]] = {name: [] for name in ANNOTATIONS}
     for leg in stretch.legs:
@@ -512,14 +595,16 @@ def _annotation(stretch: Stretch, names: Sequence[str]) -> dict[str, list[Any]]:
         columns["distance"] += [round(leg.metres * share, 3) for share in shares]
         columns["duration"] += seconds
         columns["weight"] += seconds
+        columns["datasources"] += [0] * len(shares)
         columns["speed"] += [round(leg.metres / max(60 * leg.minutes, 1e-9), 3)] * len(shares)
         word = next(word for limit, word in CROWDING if leg.density < limit)
         columns["congestion"] += [CONGESTION[word]] * len(shares)
         columns["congestion_numeric"] += [min(100, round(100 * leg.density / JAMMED))] * len(shares)
     if not stretch.legs:
-        empty = {"speed": 0.0, "congestion": "unknown", "congestion_numeric": None}
+        empty = {"datasources": 0, "congestion": "unknown", "congestion_numeric": None}
         columns = {name: [empty.get(name, 0.0)] for name in ANNOTATIONS}
-    return {name: columns[name] for name in names}
+    found: dict[str, Any] = {name: columns[name] for name in names}
+    return found | ({"metadata": {"datasource_names": [SOURCE]}} if "datasources" in names else {})
 
 
 def _scale(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "2"]:

@@ -1,5 +1,6 @@
 """Answers of the services ``route``, ``table`` and ``nearest``: options of OSRM in, what the router says out."""
 
+import math
 from collections.abc import Sequence
 from datetime import datetime
 from itertools import pairwise
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sidestep.network.snapping import StreetPoint
+from sidestep.network.snapping import Snapper, StreetPoint
 from sidestep.network.town import TownError
 from sidestep.planners.registry import BASELINE
 from sidestep.routing.plan import RoutePlan
@@ -44,30 +45,52 @@ def snapped(served: ServedTown, coordinates: Coordinates, options: osrm.General)
         Lists of another length (``InvalidOptions``), places without a street near by (``NoSegment``).
     """
     count = len(coordinates)
-    for field in ("hints", "radiuses", "approaches"):
+    for field in ("hints", "radiuses", "bearings", "approaches"):
         given = getattr(options, field)
-        if field == "hints" and given in ([], [""]):
+        if given in ([], [""]):  # as if it were not there
             continue
         osrm.check_number(field, given, count)
-    quick, hints = _quick(served, options), options.hints or [None] * count
-    if len(hints) != count:
-        hints = [None] * count
+    snapper = _quick(served, options).snapper
     found = []
-    for number, ((longitude, latitude), hint) in enumerate(zip(coordinates, hints, strict=True)):
+    for number, (longitude, latitude) in enumerate(coordinates):
+        hint = options.hints[number] if options.hints and len(options.hints) == count else None
         point = None if options.walker else served.hinter.point(hint, longitude, latitude)
         if point is None:
-            try:
-                point = quick.snapper.nearest(latitude, longitude)
-            except TownError as error:
-                said = str(error)
-                if quick.snapper.is_swapped(latitude, longitude):
-                    said = f"{longitude:g},{latitude:g} is the latitude before the longitude; swap them"
-                raise ProblemError(400, said, field="coordinates", code="NoSegment") from error
-        if options.radiuses is not None and point.distance > options.radiuses[number]:
+            point = _nearest(snapper, coordinates[number], options.bearings[number] if options.bearings else None)[0]
+        if options.radiuses and point.distance > options.radiuses[number]:
             said = f"no street within {options.radiuses[number]:g} m of coordinate {number}"
             raise ProblemError(400, said, field="radiuses", code="NoSegment")
         found.append(point)
     return found
+
+
+def _nearest(
+    snapper: Snapper, coordinate: Pair, bearing: osrm.Bearing | None = None, number: int = 1
+) -> list[StreetPoint]:
+    """The nearest streets, of those in a bearing if there is one; ProblemError (``NoSegment``) where there are none."""
+    longitude, latitude = coordinate
+    if bearing is None and number == 1:
+        try:
+            return [snapper.nearest(latitude, longitude)]
+        except TownError as error:
+            said = str(error)
+            if snapper.is_swapped(latitude, longitude):
+                said = f"{longitude:g},{latitude:g} is the latitude before the longitude; swap them"
+            raise ProblemError(400, said, field="coordinates", code="NoSegment") from error
+    points = snapper.several(latitude, longitude, snapper.town.streets if bearing else number)
+    found = [point for point in points if bearing is None or _leads(snapper, point, bearing)]
+    if not found:
+        said = f"no street near {longitude:g},{latitude:g}" + (" in this bearing" if bearing else "")
+        field = "bearings" if bearing else "coordinates"
+        raise ProblemError(400, said, field=field, code="NoSegment")
+    return found[:number]
+
+
+def _leads(snapper: Snapper, point: StreetPoint, bearing: osrm.Bearing) -> bool:
+    """Whether people may walk along a street in a bearing."""
+    along, (value, most) = snapper.bearing(point), bearing
+    ways = [along] if snapper.town.one_way[point.street] else [along, along + 180]
+    return any(abs((way - value + 180) % 360 - 180) <= most for way in ways)
 
 
 def _quick(served: ServedTown, options: osrm.General) -> QuickRouter:
@@ -75,14 +98,18 @@ def _quick(served: ServedTown, options: osrm.General) -> QuickRouter:
 
 
 def waypoints(
-    served: ServedTown, points: Sequence[StreetPoint], options: osrm.General, places: Sequence[Pair] | None = None
+    served: ServedTown,
+    coordinates: Sequence[Pair],
+    points: Sequence[StreetPoint],
+    options: osrm.General,
+    places: Sequence[Pair] | None = None,
 ) -> list[dict[str, Any]]:
     """The coordinates on the streets, in OSRM's shape.
 
     Parameters
     ----------
-    served, points, options
-        The town, the places, and what was asked.
+    served, coordinates, points, options
+        The town, the coordinates and where they are on the streets, and what was asked.
     places
         Longitudes and latitudes on the route; by default those of the points.
 
@@ -95,7 +122,8 @@ def waypoints(
     found = []
     for number, point in enumerate(points):
         place = point.place[::-1] if places is None else places[number]
-        hint = served.hinter.hint(point) if options.generate_hints and not options.walker else None
+        hinted = options.generate_hints and not options.walker
+        hint = served.hinter.hint(point, coordinates[number]) if hinted else None
         found.append(osrm.waypoint(place, point, names[point.street], hint))
     return found
 
@@ -133,60 +161,68 @@ def route(
         What no route answers, with the parameter as its field.
     """
     annotations = osrm.checked_annotations(options.annotations, osrm.ANNOTATIONS)
-    if len(coordinates) < 2:
-        raise ProblemError(400, "a route needs two coordinates or more", field="coordinates", code="InvalidQuery")
+    if options.alternatives > osrm.MOST_ALTERNATIVES:
+        said = f"there may be {osrm.MOST_ALTERNATIVES} alternatives at most"
+        raise ProblemError(400, said, field="alternatives", code="TooBig")
+    _check_two(coordinates)
+    if len(coordinates) > 2 and options.alternatives:  # clients ask for them without looking
+        options = options.model_copy(update={"alternatives": 0})
     stops = osrm.check_indices("waypoints", options.waypoints, len(coordinates))
     if stops[0] != 0 or stops[-1] != len(coordinates) - 1 or sorted(set(stops)) != [*stops]:
         said = "waypoints must begin with the first coordinate, end with the last, and rise"
-        raise ProblemError(400, said, field="waypoints", code="InvalidOptions")
+        raise ProblemError(400, said, field="waypoints", code="InvalidValue")
     points = snapped(served, coordinates, options)
     if is_quick(served, options, avoid):
-        walks = [_quick_walk(served, points, stops, options)]
+        walks = [_quick_walk(served, coordinates, points, stops, options)]
     else:
-        walks = _planned_walks(served, coordinates, options, avoid)
+        walks = _planned_walks(served, coordinates, points, options, avoid)
     found: dict[str, Any] = {
         "code": "Ok",
         "routes": [osrm.route(walk, options, served.town, annotations) for walk in walks],
     }
     if not options.skip_waypoints:
-        places = _places(walks[0], points, stops)
-        found["waypoints"] = [
-            {**each, "waypoint_index": number} for number, each in enumerate(waypoints(served, points, options, places))
-        ]
+        found["waypoints"] = waypoints(served, coordinates, points, options, _places(walks[0], points, stops))
     return found
+
+
+def _check_two(coordinates: Coordinates) -> None:
+    if len(coordinates) < 2:
+        raise ProblemError(400, "this needs two coordinates or more", field="coordinates", code="InvalidOptions")
 
 
 def _places(walk: Walk, points: Sequence[StreetPoint], stops: Sequence[int]) -> list[Pair]:
     """Where the stops are on the route; those between them are where they were found."""
     places = [point.place[::-1] for point in points]
-    for stop, stretch in zip(stops, walk.stretches, strict=False):
-        places[stop] = stretch.place
-    course = walk.stretches[-1].course
-    places[-1] = (course[-1][0], course[-1][1])
+    for (before, after), stretch in zip(pairwise(stops), walk.stretches, strict=True):
+        places[before], places[after] = osrm.rounded(stretch.course[0]), osrm.rounded(stretch.course[-1])
     return places
 
 
 def _quick_walk(
-    served: ServedTown, points: Sequence[StreetPoint], stops: Sequence[int], options: osrm.RouteOptions
+    served: ServedTown,
+    coordinates: Coordinates,
+    points: Sequence[StreetPoint],
+    stops: Sequence[int],
+    options: osrm.RouteOptions,
 ) -> Walk:
     """A walk by expected times from place to place; ProblemError (``NoRoute``) where no path leads."""
     router = served.routers(options.walker, None)
     quick, departs = router.quick, served.departs(options.depart_at, router=router)
     stretches: list[Stretch] = []
     legs: list[Leg] = []
-    clock, begins = departs, points[0]
+    clock, begins, excluded = departs, points[0].place[::-1], osrm.excluded(options)
     for number, (before, after) in enumerate(pairwise(points), start=1):
         try:
-            found = quick.route(before, after, clock, options.exclude)
+            found = quick.route(before, after, clock, excluded)
         except RouteError as error:
             raise _no_route(error) from error
         legs = [*legs, *found.legs]
         clock = clock.earlier(-found.seconds)
         if number in stops:
-            longitude, latitude = (legs[0].coordinates or [])[0] if legs else begins.place[::-1]
             steps = quick.steps(legs) if options.steps else []
-            stretches.append(Stretch(legs, steps, (longitude, latitude)))
-            legs, begins = [], after
+            stretch = Stretch(legs, steps, begins, coordinates[number])
+            stretches.append(stretch)
+            legs, begins = [], osrm.rounded(stretch.course[-1])
     return Walk(
         stretches=stretches,
         planner=BASELINE,
@@ -201,18 +237,21 @@ def _no_route(error: RouteError) -> ProblemError:
 
 
 def _planned_walks(
-    served: ServedTown, coordinates: Coordinates, options: osrm.RouteOptions, avoid: dict[str, Any] | None
+    served: ServedTown,
+    coordinates: Coordinates,
+    points: Sequence[StreetPoint],
+    options: osrm.RouteOptions,
+    avoid: dict[str, Any] | None,
 ) -> list[Walk]:
     """A walk by any planner, and alternatives to it."""
     if len(coordinates) != 2:
-        asked = "alternatives, futures, arrive_by, avoid, objective and planners other than expected"
+        asked = "futures, arrive_by, avoid, objective and planners other than expected"
         said = f"{asked} are for routes between two coordinates; leave them out, or ask for each route"
         raise ProblemError(400, said, field="coordinates", code="NotImplemented")
     router = served.routers(options.walker, options.objective)
-    origin, destination = ((latitude, longitude) for longitude, latitude in coordinates)
+    origin, destination = (point.place for point in points)
     deadline = read_departure(options.arrive_by, "arrive_by")
     depart = served.asked("depart_at", options.depart_at) if deadline is None or options.depart_at else None
-    alternatives = int(options.alternatives) if options.alternatives is not True else 1
     futures = options.futures or (None if deadline is not None else FEW_FUTURES)
     request = RouteRequest(
         origin=origin,
@@ -221,24 +260,24 @@ def _planned_walks(
         planner=options.planner,
         futures=futures,
         avoid=avoid,
-        alternatives=alternatives,
+        alternatives=options.alternatives,
         arrive_by=deadline,
         confidence=options.confidence,
-        exclude=tuple(options.exclude),
+        exclude=osrm.excluded(options),
     )
     try:
         plan = router.answer(request)
     except RouteError as error:
         raise _no_route(error) from error
     timed = options.futures is not None or deadline is not None
-    return [_walk_of(each, timed=timed, scene=plan) for each in (plan, *plan.alternatives)]
+    return [_walk_of(each, coordinates[-1], timed=timed, scene=plan) for each in (plan, *plan.alternatives)]
 
 
-def _walk_of(plan: RoutePlan, *, timed: bool, scene: RoutePlan) -> Walk:
+def _walk_of(plan: RoutePlan, sought: Pair, *, timed: bool, scene: RoutePlan) -> Walk:
     longitude, latitude = plan.course[0]
     more = {"arrives_in_time": plan.arrive_by, "shared": plan.shared}
     return Walk(
-        stretches=[Stretch(plan.legs, plan.steps or [], (longitude, latitude))],
+        stretches=[Stretch(plan.legs, plan.steps or [], (longitude, latitude), sought)],
         planner=plan.planner,
         departs=None if scene.departure is None else datetime.fromisoformat(scene.departure),
         weight=60 * plan.cost_minutes,
@@ -268,21 +307,30 @@ def table(served: ServedTown, coordinates: Coordinates, options: osrm.TableOptio
         What no table answers, with the parameter as its field.
     """
     wanted = osrm.checked_annotations(options.annotations, ("duration", "distance"))
+    _check_two(coordinates)
     sources = osrm.check_indices("sources", options.sources, len(coordinates))
     destinations = osrm.check_indices("destinations", options.destinations, len(coordinates))
     points = snapped(served, coordinates, options)
     router = served.routers(options.walker, None)
     departs = served.departs(options.depart_at, router=router)
     froms, tos = ([points[number] for number in numbers] for numbers in (sources, destinations))
-    seconds, metres = router.quick.matrix(froms, tos, departs, options.exclude)
+    seconds, metres = router.quick.matrix(froms, tos, departs, osrm.excluded(options))
     found: dict[str, Any] = {"code": "Ok"}
+    seconds *= options.scale_factor
+    if options.fallback_speed is not None:
+        places = coordinates if options.fallback_coordinate == "input" else [point.place[::-1] for point in points]
+        xy = served.town.project(np.array(places))
+        apart = np.linalg.norm(xy[[*sources], None] - xy[None, [*destinations]], axis=-1)
+        missing = ~np.isfinite(seconds)
+        seconds[missing], metres[missing] = apart[missing] / options.fallback_speed, apart[missing]
+        found["fallback_speed_cells"] = np.argwhere(missing).tolist()
     if "duration" in wanted:
-        found["durations"] = _cells(seconds * options.scale_factor)
+        found["durations"] = _cells(seconds)
     if "distance" in wanted:
         found["distances"] = _cells(metres)
     if not options.skip_waypoints:
-        found["sources"] = waypoints(served, froms, options)
-        found["destinations"] = waypoints(served, tos, options)
+        for name, numbers, each in ("sources", sources, froms), ("destinations", destinations, tos):
+            found[name] = waypoints(served, [coordinates[number] for number in numbers], each, options)
     return found
 
 
@@ -313,13 +361,15 @@ def nearest(served: ServedTown, coordinates: Coordinates, options: osrm.NearestO
     """
     if len(coordinates) != 1:
         raise ProblemError(400, "give one coordinate", field="coordinates", code="InvalidOptions")
-    ((longitude, latitude),) = coordinates
     points = snapped(served, coordinates, options)
     snapper = _quick(served, options).snapper
     if options.number > 1:
-        points = snapper.several(latitude, longitude, options.number)
+        bearing = options.bearings[0] if options.bearings else None
+        most = options.radiuses[0] if options.radiuses else math.inf
+        nearest_first = _nearest(snapper, coordinates[0], bearing, options.number)
+        points = [point for point in nearest_first if point.distance <= most]
     town = snapper.town
-    found = waypoints(served, points, options)
+    found = waypoints(served, coordinates * len(points), points, options)
     for each, point in zip(found, points, strict=True):
         each["nodes"] = [int(town.ids[town.tail[point.street]]), int(town.ids[town.head[point.street]])]
     return {"code": "Ok", "waypoints": found}
