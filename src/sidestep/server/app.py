@@ -90,6 +90,8 @@ def make_app(settings: Settings | None = None) -> FastAPI:
 
 async def _on_http(request: Request, error: Exception) -> Response:
     status = getattr(error, "status_code", 500)
+    if status == 405 and request.method == "GET":  # what is only sent in a body has no address to get
+        status = 404
     said = "there is nothing at this address" if status == 404 else str(getattr(error, "detail", "this cannot be done"))
     return refused(request.url.path, ProblemError(status, said, headers=dict(getattr(error, "headers", None) or {})))
 

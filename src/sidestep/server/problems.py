@@ -1,5 +1,6 @@
 """Errors as HTTP answers: problem details (RFC 9457), or, for the services of OSRM, its codes."""
 
+import re
 from typing import Any
 
 from fastapi.exceptions import RequestValidationError
@@ -11,8 +12,10 @@ from sidestep.crowds.live import LiveError
 from sidestep.errors import SidestepError
 from sidestep.server.store import StoreError
 
-OSRM_SERVICES = ("/route/", "/table/", "/nearest/")
-"""Beginnings of paths whose errors are OSRM's."""
+SERVICES = frozenset({"route", "table", "nearest"})
+"""Those of OSRM that there are here."""
+_OSRM = re.compile(r"/([\w.~:-]+)/v(\d+)/[\w.~:-]+(/.*)?", re.ASCII | re.DOTALL)
+"""Paths of OSRM: service, version, profile, and what is asked."""
 _TITLES = {
     400: "Bad request",
     401: "No valid API key",
@@ -29,7 +32,9 @@ _TITLES = {
     500: "Internal error",
     503: "Unavailable",
 }
-_CODES = {404: "InvalidUrl", 405: "InvalidUrl", 413: "TooBig", 422: "InvalidValue", 500: "InternalError"}
+_CODES = {400: "InvalidValue", 404: "InvalidUrl", 405: "InvalidUrl", 413: "TooBig", 500: "InternalError"}
+_RANGES = ("greater_than", "less_than", "too_long", "too_short")
+"""Beginnings of pydantic's words for values that can be read, but are not allowed."""
 
 
 class ProblemError(SidestepError):
@@ -87,8 +92,14 @@ def refused(path: str, problem: ProblemError) -> Response:
         Without any trace of the code.
     """
     status, said = problem.status, str(problem)
-    if path.startswith(OSRM_SERVICES):
-        content: dict[str, Any] = {"code": problem.code or _CODES.get(status, "InvalidQuery"), "message": said}
+    asked = _OSRM.fullmatch(path)
+    if asked or path[1:].split("/", maxsplit=1)[0] in SERVICES:
+        code = problem.code or _CODES.get(status, "InvalidQuery")
+        if status == 404 and asked and asked[1] not in SERVICES:
+            code, said = "InvalidService", f"there is no service {asked[1]:.40} here, but {', '.join(sorted(SERVICES))}"
+        elif status == 404 and asked and asked[2] != "1":
+            code, said = "InvalidVersion", "the version of the services is v1"
+        content: dict[str, Any] = {"code": code, "message": said}
         # Every client of OSRM knows 400; what servers refuse for other reasons has the usual status.
         status = 400 if status in {404, 422} else status
         return JsonResponse(content, status, problem.headers)
@@ -123,13 +134,20 @@ def of_validation(errors: list[Any]) -> ProblemError:
         With the parameter as its field.
     """
     first = errors[0]
-    place = [str(each) for each in first["loc"] if each not in {"query", "body", "path"}]
-    name, said = ".".join(place), str(first["msg"]).removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        return ProblemError(400, f"{name} is no parameter here", field=name, code="InvalidOptions")
-    if first["type"] == "json_invalid":
+    # After the parameter come numbers of its parts, and pydantic's names of the types that it may have.
+    place = [each for each in first["loc"] if each not in {"query", "body", "path"}]
+    place = [str(each) for number, each in enumerate(place) if number == 0 or isinstance(each, int)]
+    name, kind, said = ".".join(place), str(first["type"]), str(first["msg"]).removeprefix("Value error, ")
+    if kind == "extra_forbidden":
+        return ProblemError(400, f"{name} is no parameter here", field=name, code="InvalidQuery")
+    if kind == "json_invalid":
         return ProblemError(400, "the body is not JSON", field="body", code="InvalidQuery")
-    return ProblemError(422, f"{name}: {said}" if name else said, field=name or None, code="InvalidValue")
+    code = "InvalidOptions" if kind.startswith(_RANGES) else "InvalidQuery"
+    if kind.startswith("too_") and len(place) > 1:  # no list of values, but a pair that is none
+        code = "InvalidQuery"
+    elif kind == "too_long" and name == "coordinates":
+        code = "TooBig"
+    return ProblemError(422, f"{name}: {said}" if name else said, field=name or None, code=code)
 
 
 async def on_error(request: Request, error: Exception) -> Response:
