@@ -20,7 +20,7 @@ from starlette.responses import Response
 
 from sidestep import __version__
 from sidestep.errors import SidestepError
-from sidestep.server import clock_paths, count_paths, crowd_paths, operation_paths, osrm_paths
+from sidestep.server import clock_paths, count_paths, crowd_paths, operation_paths, osrm_paths, walk_paths
 from sidestep.server.bus import Bus
 from sidestep.server.guard import Guard
 from sidestep.server.problems import JsonResponse, ProblemError, on_error, on_validation, refused
@@ -80,7 +80,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(Exception, _on_exception)
-    for paths in (osrm_paths, crowd_paths, count_paths, clock_paths, operation_paths):
+    for paths in (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths):
         app.include_router(paths.router)
     if chosen.origins:
         app.add_middleware(CORSMiddleware, allow_origins=chosen.origins, allow_methods=["*"], allow_headers=["*"])

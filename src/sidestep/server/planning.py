@@ -288,6 +288,12 @@ def _walk_of(plan: RoutePlan, sought: Pair, *, timed: bool, scene: RoutePlan) ->
     )
 
 
+def walk_of(plan: RoutePlan) -> Walk:
+    """A plan with its simulated times as a whole route."""
+    place = plan.destination
+    return _walk_of(plan, (place.longitude or 0.0, place.latitude or 0.0), timed=True, scene=plan)
+
+
 def table(served: ServedTown, coordinates: Coordinates, options: osrm.TableOptions) -> dict[str, Any]:
     """Times and lengths of the walks from many places to many others.
 

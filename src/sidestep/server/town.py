@@ -23,10 +23,11 @@ from sidestep.crowds.wall_time import instant
 from sidestep.errors import SidestepError
 from sidestep.network.names import StreetNames
 from sidestep.planners.registry import planner_infos
+from sidestep.routing import live as walks
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import CROWDING
 from sidestep.routing.formats import feature
-from sidestep.routing.request import Departure, at_fault, read_departure
+from sidestep.routing.request import Departure, RouteRequest, at_fault, read_departure
 from sidestep.routing.router import Router
 from sidestep.scenarios.crowd_sources import sensor_places
 from sidestep.scenarios.model import Scenario, read_objective
@@ -209,7 +210,10 @@ class ServedTown:
             counts = [LiveCount(name, self.instant - LONGEST, LONGEST.total_seconds(), 1.0) for name in self.sensors]
             Router(self.scenario).go_on_from(LiveCounts(tuple(counts), self.venue.timezone), now.replace(tzinfo=None))
         origin, destination = (tuple(place[::-1].tolist()) for place in self.town.place[self._far_apart])
-        self.router.plan(origin, destination, depart=self.asked("depart_at", None), futures=FEW)
+        depart = self.asked("depart_at", None)
+        self.router.plan(origin, destination, depart=depart, futures=FEW, alternatives=1)
+        walk, _ = walks.begin(self.router, RouteRequest(origin, destination, depart))
+        walks.report(self.router, walk, origin, 0.0 if depart is None else depart, density=0.0)
 
     @cached_property
     def _far_apart(self) -> list[int]:
@@ -410,6 +414,10 @@ class ServedTown:
         speed = 1.0 if clock is None else clock[2]
         said = {"now": now.isoformat(timespec="seconds"), "speed": speed, "simulated": clock is not None}
         return {**said, "hour_of_week": round(time_of_week(now), 4)}
+
+    async def stored(self, answer: Callable[[], T]) -> T:
+        """Ask the store in a thread, since it may have to wait for a disk or a network."""
+        return await anyio.to_thread.run_sync(answer)
 
     async def heavily(self, answer: Callable[[], T]) -> T:
         """Answer a question that takes long in a thread, a few at a time.

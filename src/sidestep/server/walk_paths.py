@@ -1,0 +1,67 @@
+"""Walks under way: begun, reported on, and followed."""
+
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+from starlette.responses import Response
+
+from sidestep.errors import SidestepError
+from sidestep.server import under_way
+from sidestep.server.asking import body_of, takes, town_of
+from sidestep.server.problems import JsonResponse, ProblemError
+from sidestep.server.under_way import Begun, Position
+
+router = APIRouter(prefix="/walks", tags=["walks"])
+WalkId = Annotated[str, Path(pattern="^[0-9a-f]{32}$", description="As the walk was named when it began.")]
+
+
+@router.post("", status_code=201, openapi_extra=takes(Begun))
+async def begin(request: Request) -> Response:
+    """Begin a walk; who knows its name may go on with it."""
+    served, asked = town_of(request), await body_of(request, Begun)
+    said = await served.heavily(lambda: under_way.begin(served, asked))
+    return JsonResponse(said, 201, {"location": f"/walks/{said['id']}"})
+
+
+@router.get("/{walk_id}")
+async def tell(request: Request, walk_id: WalkId) -> Response:
+    """What the walker was told last."""
+    served = town_of(request)
+    return JsonResponse(await served.stored(lambda: under_way.tell(served, walk_id)))
+
+
+@router.post("/{walk_id}/position", openapi_extra=takes(Position))
+async def report(request: Request, walk_id: WalkId) -> Response:
+    """Say where the walker is and what crowds it sees, and be told how to go on."""
+    served, position = town_of(request), await body_of(request, Position)
+    return JsonResponse(await served.heavily(lambda: under_way.go_on(served, walk_id, position)))
+
+
+@router.delete("/{walk_id}", status_code=204)
+async def forget(request: Request, walk_id: WalkId) -> Response:
+    """Forget a walk."""
+    served = town_of(request)
+    if not await served.stored(lambda: served.store.delete_walk(walk_id)):
+        raise ProblemError(404, "no such walk: it has ended, or its hour is over", field="id")
+    return Response(status_code=204)
+
+
+@router.get("/{walk_id}/events", response_class=EventSourceResponse)
+async def events(request: Request, walk_id: WalkId) -> AsyncIterator[ServerSentEvent]:
+    """Tell when crowds change the plan, or a crowd forms ahead: server-sent events ``plan``."""
+    served = town_of(request)
+    async for kind, _ in request.app.state.bus.listen():
+        if kind != "crowds":
+            continue
+        try:
+            said = await served.heavily(lambda: under_way.decide_anew(served, walk_id))
+        except ProblemError as problem:
+            if problem.status == 404:
+                return
+            continue  # too much to do at the moment, or no store
+        except SidestepError:
+            continue  # crowds are not known at this time
+        if said is not None:
+            yield ServerSentEvent(event="plan", data=said)
