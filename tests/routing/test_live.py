@@ -13,18 +13,20 @@ import pytest
 from sidestep.agent.presets import preset
 from sidestep.agent.runs import train
 from sidestep.environment.dynamics import reset, step
+from sidestep.environment.types import Instance
 from sidestep.errors import SidestepError
 from sidestep.network.formats import save_town
 from sidestep.planners.random import RandomWalk
 from sidestep.planners.reactive import GreedyLocal, GreedyMap
 from sidestep.routing.deciding import LEAST_GAIN
 from sidestep.routing.live import begin, replan, report
-from sidestep.routing.request import RouteError, RouteRequest
+from sidestep.routing.request import RouteError, RouteRequest, read_departure
 from sidestep.routing.router import Router
 from sidestep.routing.under_way import Ahead, Decision, WalkUnderWay
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.model import ObjectiveSpec
 from sidestep.scenarios.places import Counters, Sensor
 from sidestep.walking.sightings import COUNTS_FOR, FORGOTTEN
 from sidestep.walking.speed_laws import FREE_SPEED, Weidmann
@@ -148,6 +150,29 @@ def test_a_crowd_ahead_is_avoided_exactly_where_the_detour_is_shorter(walk, quie
     under_way, there = report(quiet, under_way, place(0, 2), after(80))
     assert (there.changed, streets(there)[-2]) == (False, "Back Road" if changes else "Long Street")
     assert there.next.segment == found.plan.legs[1].segment
+
+
+@pytest.mark.parametrize("planner", ["expected", "snapshot", "forecast", "clairvoyant"])
+def test_planners_that_know_the_counts_avoid_crowds_that_are_not_counted(router, place, planner: str) -> None:
+    under_way, _ = begin(router, RouteRequest(3, 2, depart=NOON, planner=planner, futures=7))
+    for density, street in ((0.2, "Long Street"), (3.0, "Back Road")):
+        _, found = report(router, under_way, place(0, 30), after(60), ahead=[Ahead(bearing=EAST, density=density)])
+        assert (found.next.street, streets(found)[1]) == (street, street)
+        took = 130 / FREE_SPEED + (LONG_METRES / law(density) if street == "Long Street" else BACK_METRES / FREE_SPEED)
+        assert (found.seconds, found.p50) == pytest.approx((took, took), rel=2e-3)
+
+
+@pytest.mark.parametrize(("time", "exposure"), [(1.0, 0.5), (0.1, 1.0)])
+def test_an_objective_decides_on_the_way(tiny, place, time: float, exposure: float) -> None:
+    """Long Street costs 149 s (time + density x exposure), Back Road 224 s x time."""
+    here = Router(tiny.changed(objective=ObjectiveSpec(time=time, exposure=exposure)))
+    under_way, _ = begin(here, RouteRequest(3, 2, depart=NOON, futures=7))
+    for density in (0.1, 0.3, 0.7, 1.1):
+        _, found = report(here, under_way, place(0, 30), after(60), ahead=[Ahead(bearing=EAST, density=density)])
+        seconds = LONG_METRES / law(density)
+        saves = seconds * (time + density * exposure) - time * BACK_METRES / FREE_SPEED
+        assert abs(saves - LEAST_GAIN) > 1
+        assert streets(found)[1] == ("Back Road" if saves > LEAST_GAIN else "Long Street")
 
 
 def test_crowds_are_forgotten(walk, quiet, place) -> None:
@@ -368,8 +393,6 @@ def rolled_out(planner: GreedyLocal | GreedyMap, future: int) -> tuple[list[int]
     params = make_environment(SMALL, here, "test", 3, level=planner.observes, densities=True)
     params = replace(params, level=planner.observes)
     whole = jnp.int32
-    from sidestep.environment.types import Instance
-
     state, seen = reset(params, Instance(whole(0), whole(8), jnp.float32(600), whole(future)))
     walked, looks = [], []
     while int(state.node) != 8:
@@ -423,6 +446,34 @@ def test_grids_have_no_coordinates() -> None:
     with pytest.raises(RouteError) as caught:
         report(here, under_way, (60.0, 25.0), 11.0)
     assert caught.value.field == "location"
+
+
+def test_times_without_a_date(hours, place) -> None:
+    here = Router(hours())
+    under_way, first = begin(here, RouteRequest(3, 2, depart=read_departure("Sat 12:02:30")))
+    assert (under_way.crowds_at, under_way.crowds_from) == ("Saturday 12:00:00", -150)
+    assert first.arrives.startswith("Saturday 12:0")
+    under_way, found = report(here, under_way, place(0, 60), "Sat 12:05:10")
+    assert (under_way.clock, under_way.crowds_at, under_way.crowds_from) == (160, "Saturday 12:05:00", 150)
+    assert not found.changed
+    with pytest.raises(RouteError) as caught:
+        report(here, under_way, place(0, 60), "Sat 12:05:09")
+    assert caught.value.field == "time"
+    # Crowds are known until 14:00, and then stay as they are.
+    under_way, found = report(here, under_way, place(0, 50), "Sat 14:01")
+    assert (found.arrived, under_way.crowds_at) == (False, "Saturday 13:55:00")
+
+
+def test_times_where_crowds_have_none(slots, place) -> None:
+    here = Router(slots)
+    under_way, first = begin(here, RouteRequest(3, 2))
+    assert (first.arrives, under_way.crowds_at) == (None, None)
+    under_way, found = report(here, under_way, place(0, 60), 0.5)
+    assert (under_way.clock, found.changed) == (30, False)
+    for wrong in ("12:30", 0.4):
+        with pytest.raises(RouteError) as caught:
+            report(here, under_way, place(0, 60), wrong)
+        assert caught.value.field == "time"
 
 
 # --- Rules of streets ------------------------------------------------------------------------------------------------

@@ -284,14 +284,14 @@ def _clock(walk: WalkUnderWay, located: Located, time: Departure | str) -> float
 
 
 def _crowds_moved(walk: WalkUnderWay, located: Located, seconds: float | None = None) -> WalkUnderWay:
-    """Let clock 0 of the crowds be the beginning of the present slot, or another time, where crowds are known then.
+    """Let clock 0 of the crowds be the beginning of the present slot, or of the last one in which crowds are known.
 
     Parameters
     ----------
     walk, located
         The walk, and the streets with their crowds.
     seconds
-        From clock 0 on; by default whole slots up to now.
+        Of another time, from clock 0 on, if crowds are known then.
 
     Returns
     -------
@@ -300,10 +300,12 @@ def _crowds_moved(walk: WalkUnderWay, located: Located, seconds: float | None = 
     """
     start, slot = located.start, located.scenario.slot_seconds
     ahead = slot * ((walk.clock - walk.crowds_from) // slot) if seconds is None else seconds
-    if ahead == 0 or not isinstance(start, TownClock) or not start.timed:
+    if not isinstance(start, TownClock) or not start.timed:
         return walk
+    while ahead > 0 and not located.scenario_map.flow.covers(start.earlier(-ahead).hour):
+        ahead -= slot
     moved = start.earlier(-ahead)
-    if not located.scenario_map.flow.covers(moved.hour):
+    if ahead == 0 or not located.scenario_map.flow.covers(moved.hour):
         return walk
     return replace(walk, crowds_at=_text(moved.given), crowds_from=walk.crowds_from + ahead)
 

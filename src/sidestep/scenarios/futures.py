@@ -316,9 +316,13 @@ def _drawn(crowds: Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant)
 def _live_cost_to_go(
     crowds: Crowds, params: EnvParams, field: Field, slots: Slots | None = None, *, forecasts: bool = True
 ) -> LiveCostToGo:
+    network, law, seen = params.network, crowds.law, params.futures.speeds.sightings
+
     def ahead(now: Float[Array, " counter"], hour: Float[Array, ""], slot: Int[Array, ""]) -> SpeedField:
         forecast = replace(field, counted=crowds.flow.ahead(now, hour, slot, WINDOW))
-        return dense_speeds(params.network, forecast, crowds.law, densities=params.objective.needs_density)
+        if seen is None:
+            return dense_speeds(network, forecast, law, densities=params.objective.needs_density)
+        return dense_speeds(network, forecast, law, densities=True).seeing(seen.later(slot, WINDOW), law, network.pace)
 
     return live_cost_to_go(params, field.counted, ahead, slots, forecasts=forecasts)
 

@@ -93,6 +93,10 @@ class ExpectedTimes(eqx.Module):
         return self.mean.slots
 
     @property
+    def sightings(self) -> Sightings | None:
+        return self.mean.sightings
+
+    @property
     def count(self) -> int:
         """Number of hours."""
         return self.seconds.shape[0]

@@ -1,6 +1,8 @@
 """Crowds that walkers saw themselves: on their streets they count instead of others, and ever less as they grow old."""
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 COUNTS_FOR = 600.0
@@ -20,6 +22,11 @@ class Sightings(eqx.Module):
     def of(self, segment: Int[Array, ""]) -> "Sightings":
         """Those on one of the segments."""
         return Sightings(self.density[segment], self.share[segment])
+
+    def later(self, slot: Int[Array, ""], slots: int) -> "Sightings":
+        """Those in some slots from one on, given on all segments; after the last slot nothing counts."""
+        share = jnp.pad(self.share, ((0, 0), (0, slots)))
+        return Sightings(self.density, jax.lax.dynamic_slice_in_dim(share, slot, slots, axis=1))
 
     def among(self, density: Float[Array, "*lead slot"]) -> Float[Array, "*lead slot"]:
         """Densities on all segments, or on the single one, given those that there are otherwise."""

@@ -28,6 +28,8 @@ class SpeedField(eqx.Module):
     """Whether speeds follow from the densities at a few counters."""
     expected: ClassVar[Literal[False]] = False
     """Whether these are expected times (:class:`sidestep.walking.expected_times.ExpectedTimes`)."""
+    sightings: ClassVar[None] = None
+    """Crowds that were seen but are not counted. Those of a table are counted: counters are everywhere."""
 
     speed: Table
     """Walking speed in m/s."""
