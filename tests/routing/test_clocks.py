@@ -123,3 +123,25 @@ def test_clocks_that_go_forward_in_between() -> None:
     twice = at("2025-10-26T04:10").earlier(3 * 3600.0)
     found = [twice.facts(3600.0 * hour)["departure"][11:16] for hour in range(4)]
     assert found == ["02:10", "03:10", "03:10", "04:10"]
+
+
+SATURDAY = "2025-05-24T12:30"
+
+
+@pytest.mark.parametrize(
+    ("clock", "given"),
+    [
+        (TownClock(132.5, 0), TimeOfWeek(time(12, 30), 5)),
+        (TownClock(-1 / 3600 % 168, 0), TimeOfWeek(time(23, 59, 59), 6)),
+        (TownClock(0.0, 0, timed=False), None),
+        (TownClock(132.5, 0, datetime.fromisoformat(SATURDAY)), datetime.fromisoformat(SATURDAY)),
+    ],
+)
+def test_clock_0_as_a_departure(clock: TownClock, given: object) -> None:
+    assert clock.given == given
+
+
+def test_clock_0_in_an_hour_that_comes_twice() -> None:
+    twice = datetime.fromisoformat("2025-10-26T03:30")  # summer time ends at 4:00
+    first, second = (TownClock(0.0, 0, twice.replace(fold=fold), timezone="Europe/Helsinki").given for fold in (0, 1))
+    assert [each.isoformat()[-6:] for each in (first, second)] == ["+03:00", "+02:00"]

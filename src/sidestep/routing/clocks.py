@@ -163,7 +163,7 @@ class TownClock:
         if not self.timed:
             return None
         if self.date is not None:
-            date = (self.date + timedelta(seconds=0.5)).replace(microsecond=0)
+            date = (self.date + timedelta(seconds=0.5)).replace(microsecond=0, fold=self.date.fold)
             return date if self.timezone is None else date.replace(tzinfo=ZoneInfo(self.timezone))
         day, second = divmod(round(self.hour * HOUR) % round(HOURS_OF_WEEK * HOUR), round(DAY_HOURS * HOUR))
         return TimeOfWeek(time(second // 3600, second // 60 % 60, second % 60), day)
