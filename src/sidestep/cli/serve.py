@@ -1,5 +1,7 @@
 """The commands ``serve`` and ``replay``."""
 
+import math
+import re
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -12,6 +14,9 @@ from sidestep.errors import SidestepError
 
 FASTEST = 10_000
 """Seconds that a replay may last in each second at most."""
+MOST_WORKERS = 64
+_HOST = re.compile(r"[a-z0-9]([a-z0-9.-]*[a-z0-9])?")
+_ORIGIN = re.compile(rf"https?://({_HOST.pattern}|\[[0-9a-f:]+\])(:\d{{1,5}})?")
 _Logs = Literal["text", "json"]
 
 
@@ -63,10 +68,20 @@ def serve(
         Never of packages that may be missing.
     """
     options.check_least(workers=workers)
+    if workers > MOST_WORKERS:
+        raise SidestepError(f"--workers must be {MOST_WORKERS} at most, not {workers}", field="workers")
     if not 0 <= port <= 65535:
         raise SidestepError(f"--port must be 0 to 65535, not {port}", field="port")
-    if not rate > 0:
+    if not 0 < rate < math.inf:
         raise SidestepError(f"--rate must be a positive number, not {rate}", field="rate")
+    for each in cors or ():
+        if not _ORIGIN.fullmatch(each):
+            said = "--cors must be an origin, such as https://example.org, without a path"
+            raise SidestepError(f"{said}, not {each!r:.80}", field="cors")
+    for each in name or ():
+        if not _HOST.fullmatch(each):
+            said = "--name must be a name in lower case, such as walks.example.org, without a port"
+            raise SidestepError(f"{said}, not {each!r:.80}", field="name")
     options.start_jax()
     try:
         from sidestep.server.run import run

@@ -32,6 +32,12 @@ WATCHING = 0.25
 """Seconds after which the store is asked again what other processes have stored."""
 FORGETTING = 60.0
 """Seconds after which what is too old is deleted."""
+_CORS: dict[str, Any] = {
+    "allow_methods": ["GET", "POST", "PUT", "DELETE"],
+    "allow_headers": ["authorization", "content-type", "if-none-match"],
+    "expose_headers": ["etag", "retry-after"],
+    "max_age": 600,
+}
 _log = logging.getLogger("sidestep.server")
 
 
@@ -52,10 +58,14 @@ def make_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        served = app.state.town = await asyncio.to_thread(ServedTown, chosen)
+        try:
+            served = app.state.town = await asyncio.to_thread(ServedTown, chosen)
+            await asyncio.to_thread(served.warm)
+        except SidestepError as error:
+            app.state.failure = str(error)
+            raise
         bus = app.state.bus = Bus()
         app.state.news = asyncio.Event()
-        await asyncio.to_thread(served.warm)
         _end_at_signals(bus)
         preparing = app.state.preparing = asyncio.create_task(asyncio.to_thread(served.prepare))
         keeping = asyncio.create_task(_keep_fresh(served, bus, app.state.news))
@@ -73,17 +83,17 @@ def make_app(settings: Settings | None = None) -> FastAPI:
         lifespan=lifespan,
         docs_url=None,  # these pages load scripts from other hosts
         redoc_url=None,
+        redirect_slashes=False,  # redirects would go to whatever host the client says
         default_response_class=JsonResponse,
     )
     app.state.ready, app.state.settings, app.state.key = False, chosen, chosen.key()
     app.add_exception_handler(SidestepError, on_error)
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(HTTPException, _on_http)
-    app.add_exception_handler(Exception, _on_exception)
     for paths in (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths):
         app.include_router(paths.router)
     if chosen.origins:
-        app.add_middleware(CORSMiddleware, allow_origins=chosen.origins, allow_methods=["*"], allow_headers=["*"])
+        app.add_middleware(CORSMiddleware, **_CORS, allow_origins=chosen.origins)
     app.add_middleware(Guard, settings=chosen)
     return app
 
@@ -94,10 +104,6 @@ async def _on_http(request: Request, error: Exception) -> Response:
         status = 404
     said = "there is nothing at this address" if status == 404 else str(getattr(error, "detail", "this cannot be done"))
     return refused(request.url.path, ProblemError(status, said, headers=dict(getattr(error, "headers", None) or {})))
-
-
-async def _on_exception(request: Request, _error: Exception) -> Response:
-    return refused(request.url.path, ProblemError(500, "something went wrong in the server; its log says what"))
 
 
 def _end_at_signals(bus: Bus) -> None:

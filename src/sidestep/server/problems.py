@@ -26,9 +26,11 @@ _TITLES = {
     409: "Conflict",
     411: "Length required",
     413: "Too large",
+    414: "Address too long",
     415: "Unsupported media type",
     422: "Invalid content",
     429: "Too many requests",
+    431: "Headers too large",
     500: "Internal error",
     503: "Unavailable",
 }
