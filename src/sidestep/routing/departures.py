@@ -196,7 +196,12 @@ def _alike(one: Sequence[str], other: Sequence[str]) -> int:
 
 
 def departure_window(
-    located: Located, planner: Planner, step: float | None, futures: int | None, due: float | None = None
+    located: Located,
+    planner: Planner,
+    step: float | None,
+    futures: int | None,
+    due: float | None = None,
+    most: int = MOST_DEPARTURES,
 ) -> DepartureWindow:
     """Walk at every departure of a window.
 
@@ -212,6 +217,8 @@ def departure_window(
         How many to simulate.
     due
         Clock in s by which to arrive, if there is a deadline.
+    most
+        The most departures.
 
     Returns
     -------
@@ -228,9 +235,9 @@ def departure_window(
     if located.latest < located.clock:
         raise RouteError("the latest departure of the window is before the first; swap them", field="until")
     number = int((located.latest - located.clock) // seconds) + 1
-    if number > MOST_DEPARTURES:
+    if number > most:
         hours = (located.latest - located.clock) / (60 * MINUTE)
-        said = f"the window lasts {hours:g} hours and has {number:,} departures, of {MOST_DEPARTURES} at most"
+        said = f"the window lasts {hours:g} hours and has {number:,} departures, of {most} at most"
         raise RouteError(f"{said}; end it earlier, or take longer steps", field="step")
     walker, rows = Walker(replace(located, baselines=()), planner, futures), []
     for turn in range(number):

@@ -21,7 +21,7 @@ from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Expected
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.crowds import StreetCrowds, street_crowds
-from sidestep.routing.departures import DepartureWindow, departure_window, latest_departure
+from sidestep.routing.departures import MOST_DEPARTURES, DepartureWindow, departure_window, latest_departure
 from sidestep.routing.isochrone import Isochrone, isochrone
 from sidestep.routing.locate import Circumstances, TownLocator, connected, locator
 from sidestep.routing.located import Located
@@ -201,6 +201,7 @@ class Router:
         live: Counts | None = None,
         avoid: Area | None = None,
         arrive_by: Departure | str | None = None,
+        most: int = MOST_DEPARTURES,
     ) -> DepartureWindow:
         """Find out when it is best to set out.
 
@@ -215,6 +216,8 @@ class Router:
             Minutes between two departures; by default one slot of the scenario, usually 5.
         arrive_by
             When to be there: each departure then says how likely it arrives by then.
+        most
+            The most departures of the window.
 
         Returns
         -------
@@ -224,8 +227,8 @@ class Router:
         Raises
         ------
         SidestepError
-            As :meth:`answer`; a window that ends before it begins (field ``until``), or more than 300 departures in it
-            (``step``).
+            As :meth:`answer`; a window that ends before it begins (field ``until``), or more departures in it
+            than ``most`` (``step``).
         """
         check_count("futures", futures)
         if step is not None:
@@ -241,7 +244,7 @@ class Router:
         located = self._between(read_place("origin", origin), read_place("destination", destination), given)
         deadline = read_departure(arrive_by, "arrive_by")
         due = None if deadline is None else located.start.clock(deadline, "arrive_by")
-        return departure_window(located, self.choose_planner(planner, located), step, futures, due)
+        return departure_window(located, self.choose_planner(planner, located), step, futures, due, most)
 
     def isochrone(
         self,

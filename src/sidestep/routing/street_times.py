@@ -31,8 +31,8 @@ from sidestep.walking.opening import OpeningTimes, Timetables
 HOUR = 3600.0
 AHEAD = 2 * HOUR
 """Seconds of departures that a table is for."""
-KEPT = 2**28
-"""Bytes of tables that are kept, those asked for last; two at least."""
+KEPT = 2**27
+"""Bytes of tables with their potentials that are kept, those asked for last; two at least."""
 POTENTIALS = 2**24
 """Bytes of potentials that each table keeps."""
 
@@ -63,7 +63,8 @@ class StreetTimes:
     @property
     def nbytes(self) -> int:
         """Size in memory."""
-        return sum(each.nbytes for each in (self.seconds, self.waits, self.density) if each is not None)
+        tables = sum(each.nbytes for each in (self.seconds, self.waits, self.density) if each is not None)
+        return tables + len(self._potentials) * 8 * self.network.nodes
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -227,7 +228,7 @@ class Tables:
             lambda hour: scenario_map.flow.timed and scenario_map.flow.covers(hour)
         )
         self._kept: OrderedDict[float, StreetTimes] = OrderedDict()
-        self._lock = Lock()
+        self._lock, self._making = Lock(), Lock()
         self._live: tuple[TownClock, StreetTimes] | None = None
 
     def at(self, clock: TownClock) -> tuple[StreetTimes, float]:
@@ -244,24 +245,46 @@ class Tables:
             The table, and the departure in s since its clock 0. Where current counts are known, departures within
             ``AHEAD`` after them go on from these.
         """
+        if (live := self._going_on(clock)) is not None:
+            return live
+        begins = self._begins(clock.hour)
+        return self._table(begins), (clock.hour - begins) % HOURS_OF_WEEK * HOUR
+
+    def is_ready(self, clock: TownClock) -> bool:
+        """Whether the table for a departure is there; otherwise it takes a while to work it out."""
+        return self._going_on(clock) is not None or self._begins(clock.hour) in self._kept
+
+    def _going_on(self, clock: TownClock) -> tuple[StreetTimes, float] | None:
+        """The table that goes on from current counts, if the departure is soon after them."""
         live = self._live
         if live is not None and clock.date is not None:
             begins, table = live
             if begins.date is not None and 0 <= (ahead := seconds_between(begins.date, clock.date, None)) <= AHEAD:
                 return table, ahead
-        hour = clock.hour
+        return None
+
+    def _begins(self, hour: float) -> float:
+        """Hour of the week at which the table for a departure begins."""
         middle = (math.floor(hour - 0.5) + 0.5) % HOURS_OF_WEEK
         # Tables of crowds that do not cover the middle begin with the departure itself.
-        begins_at = middle if self._covers(middle) else hour
-        return self._table(begins_at), (hour - begins_at) % HOURS_OF_WEEK * HOUR
+        return middle if self._covers(middle) else hour
 
     def _table(self, hour: float) -> StreetTimes:
-        with self._lock:  # one at a time, or two threads would work out the same
-            found = self._kept.get(hour)
-            if found is None:
-                found = street_times(self._scenario, self._map, hour, self._paces.at(self._scenario, hour))
+        if (found := self._look_up(hour)) is not None:
+            return found
+        with self._making:  # one at a time, or two threads would work out the same; others are found meanwhile
+            if (found := self._look_up(hour)) is not None:
+                return found
+            found = street_times(self._scenario, self._map, hour, self._paces.at(self._scenario, hour))
+            with self._lock:
                 self._kept[hour] = found
-            self._kept.move_to_end(hour)
+        return found
+
+    def _look_up(self, hour: float) -> StreetTimes | None:
+        with self._lock:
+            found = self._kept.get(hour)
+            if found is not None:
+                self._kept.move_to_end(hour)
             while len(self._kept) > 2 and sum(table.nbytes for table in self._kept.values()) > KEPT:
                 self._kept.popitem(last=False)
         return found

@@ -74,7 +74,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
         app.state.ready = False
         preparing.cancel()
         keeping.cancel()
-        served.store.close()
+        served.close()
 
     app = FastAPI(
         title="Sidestep",

@@ -7,7 +7,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
 from starlette.responses import Response
 
-from sidestep.server.osrm import read_coordinates
+from sidestep.server.osrm import PLANNER, read_coordinates
 from sidestep.server.problems import JsonResponse, ProblemError
 from sidestep.server.town import ServedTown
 
@@ -16,6 +16,7 @@ Place = Annotated[str, Query(max_length=80, description="Longitude and latitude,
 Time = Annotated[
     str | None, Query(max_length=40, description="Local time: ISO 8601, Fri 17:30 or 17:30; by default now.")
 ]
+PlannerName = Annotated[str | None, Query(pattern=PLANNER)]
 Word = Annotated[str | None, Query(max_length=200)]
 Futures = Annotated[int | None, Query(ge=1, le=1000, description="Simulated futures.")]
 
@@ -24,6 +25,28 @@ def town_of(request: Request) -> ServedTown:
     """The town that is served."""
     served: ServedTown = request.app.state.town
     return served
+
+
+def only_known(request: Request) -> None:
+    """Refuse parameters that a path does not have, and those that are given twice; for the router of the paths.
+
+    Parameters
+    ----------
+    request
+        The request.
+
+    Raises
+    ------
+    ProblemError
+        With the parameter as its field.
+    """
+    known = {each.alias for each in request.scope["route"].dependant.query_params}
+    given = [name for name, _ in request.query_params.multi_items()]
+    for name in given:
+        if name not in known:
+            raise ProblemError(400, f"{name!r:.60} is no parameter here", field=name[:60])
+        if given.count(name) > 1:
+            raise ProblemError(400, f"{name} is given twice", field=name)
 
 
 async def body_of(request: Request, model: type[M]) -> M:

@@ -4,15 +4,15 @@ import asyncio
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
 
-from sidestep.server.asking import body_of, takes, town_of
+from sidestep.server.asking import body_of, only_known, takes, town_of
 from sidestep.server.guard import writer
 from sidestep.server.problems import JsonResponse
 
-router = APIRouter(tags=["clock"])
+router = APIRouter(tags=["clock"], dependencies=[Depends(only_known)])
 
 
 class SimulatedTime(BaseModel):

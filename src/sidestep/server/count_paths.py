@@ -4,15 +4,15 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.responses import Response
 
-from sidestep.server.asking import geojson, town_of
+from sidestep.server.asking import geojson, only_known, town_of
 from sidestep.server.guard import writer
-from sidestep.server.problems import JsonResponse
+from sidestep.server.problems import JsonResponse, ProblemError
 
-router = APIRouter(tags=["counts"])
+router = APIRouter(tags=["counts"], dependencies=[Depends(only_known)])
 
 
 @router.post("/counts")
@@ -36,7 +36,13 @@ async def sensors(request: Request) -> Response:
     return geojson(await asyncio.to_thread(served.sensor_features))
 
 
-@router.get("/events", response_class=EventSourceResponse)
+def _room(request: Request) -> None:
+    """Refuse more listeners than there is room for."""
+    if request.app.state.bus.full:
+        raise ProblemError(503, "too many listen already; ask again later", headers={"retry-after": "30"})
+
+
+@router.get("/events", dependencies=[Depends(_room)], response_class=EventSourceResponse)
 async def events(request: Request) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change: server-sent events ``crowds`` and ``clock``."""
     async for kind, said in request.app.state.bus.listen():

@@ -3,16 +3,29 @@
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import APIRouter, Depends, Header, Query, Request
 from starlette.responses import Response
 
+from sidestep.planners.registry import BASELINE
+from sidestep.routing.departures import MOST_DEPARTURES
 from sidestep.routing.directions import CROWDING
 from sidestep.routing.request import read_departure
-from sidestep.server.asking import Futures, Place, Time, Word, geojson, numbers_of, place_of, town_of
+from sidestep.server.asking import (
+    Futures,
+    Place,
+    PlannerName,
+    Time,
+    Word,
+    geojson,
+    numbers_of,
+    only_known,
+    place_of,
+    town_of,
+)
 from sidestep.server.problems import JsonResponse
 from sidestep.server.town import FEW
 
-router = APIRouter(tags=["crowds"])
+router = APIRouter(tags=["crowds"], dependencies=[Depends(only_known)])
 MOST_MINUTES = 8
 """Limits of one isochrone."""
 
@@ -23,7 +36,7 @@ async def isochrone(
     origin: Place,
     minutes: Annotated[str, Query(max_length=80)] = "5,10,15",
     depart_at: Time = None,
-    planner: Word = None,
+    planner: PlannerName = None,
     walker: Word = None,
     futures: Futures = None,
 ) -> Response:
@@ -33,7 +46,8 @@ async def isochrone(
     def answer() -> dict[str, Any]:
         router = served.routers(walker, None)
         departs = served.asked("depart_at", depart_at)
-        return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=futures).to_geojson()
+        number = None if futures is None else served.futures(planner or BASELINE, futures)
+        return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=number).to_geojson()
 
     return geojson(await served.heavily(answer))
 
@@ -49,7 +63,7 @@ async def when(
     arrive_by: Annotated[
         str | None, Query(max_length=40, description="When to be there: each departure then has on_time.")
     ] = None,
-    planner: Word = None,
+    planner: PlannerName = None,
     walker: Word = None,
     futures: Annotated[int, Query(ge=1, le=1000)] = FEW,
 ) -> Response:
@@ -57,16 +71,22 @@ async def when(
     served, ends = town_of(request), (place_of("origin", origin), place_of("destination", destination))
 
     def answer() -> dict[str, Any]:
-        router = served.routers(walker, None)
-        return router.when(
-            *ends,
-            depart=served.asked("depart_at", depart_at),
-            until=read_departure(until, "until"),
-            step=step,
-            arrive_by=read_departure(arrive_by, "arrive_by"),
-            planner=planner,
-            futures=futures,
-        ).to_json()
+        number = served.futures(planner, futures)
+        most = min(MOST_DEPARTURES, served.most_walks(planner, number))
+        return (
+            served.routers(walker, None)
+            .when(
+                *ends,
+                depart=served.asked("depart_at", depart_at),
+                until=read_departure(until, "until"),
+                step=step,
+                arrive_by=read_departure(arrive_by, "arrive_by"),
+                planner=planner,
+                futures=number,
+                most=most,
+            )
+            .to_json()
+        )
 
     return JsonResponse(await served.heavily(answer))
 
@@ -75,17 +95,21 @@ async def when(
 async def crowds(request: Request, at: Time = None, *, geometry: bool = True) -> Response:
     """Expected persons/m² on all streets, as GeoJSON or, without geometry, as a list by number of the street."""
     served = town_of(request)
-    when_ = served.departs(at, "at")
-    density = np.round(served.quick.crowds(when_).astype(np.float64), 3).tolist()
-    said = {"at": None if when_.date is None else when_.date.isoformat(), **when_.facts(0.0)}
-    if not geometry:
-        return JsonResponse({**said, "density": density})
-    words = [next(word for limit, word in CROWDING if persons < limit) for persons in density]
-    features = [
-        {**street, "properties": {**street["properties"], "density": persons, "crowding": word}}
-        for street, persons, word in zip(served.streets["features"], density, words, strict=True)
-    ]
-    return geojson({**served.streets, **said, "features": features})
+
+    def answer() -> Response:
+        when_ = served.departs(at, "at")
+        density = np.round(served.quick.crowds(when_).astype(np.float64), 3).tolist()
+        said = {"at": None if when_.date is None else when_.date.isoformat(), **when_.facts(0.0)}
+        if not geometry:
+            return JsonResponse({**said, "density": density})
+        words = [next(word for limit, word in CROWDING if persons < limit) for persons in density]
+        features = [
+            {**street, "properties": {**street["properties"], "density": persons, "crowding": word}}
+            for street, persons, word in zip(served.streets["features"], density, words, strict=True)
+        ]
+        return geojson({**served.streets, **said, "features": features})
+
+    return await served.briefly(answer)
 
 
 @router.get("/streets")

@@ -15,6 +15,7 @@ from prometheus_client import Counter, Histogram
 from starlette.requests import ClientDisconnect, Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from sidestep.server.desk import CLIENT
 from sidestep.server.problems import ProblemError, refused
 from sidestep.server.settings import LOOPBACK, Settings
 
@@ -81,8 +82,10 @@ class Guard:
             return
         begun, method = time.perf_counter(), scope["method"]
         answer = Answer(scope, send, begun)
+        client = client_of(scope["client"][0] if scope.get("client") else "")
+        CLIENT.set(client)
         try:
-            self._check(scope)
+            self._check(scope, client)
             body = receive if method in READS else Body(scope, receive).receive
             await self._app(answer.scope, body, answer.send)
         except ProblemError as problem:
@@ -101,10 +104,9 @@ class Guard:
             said = {"method": method, "route": template, "status": status, "milliseconds": round(1000 * seconds, 1)}
             _log.info("request", extra=said)
 
-    def _check(self, scope: Scope) -> None:
+    def _check(self, scope: Scope, client: str) -> None:
         """Refuse too many requests, too long ones, and writes from other origins."""
-        client = scope.get("client")
-        if not self._rate.allows(client[0] if client else ""):
+        if not self._rate.allows(client):
             raise ProblemError(429, "too many requests from this address; send fewer", headers={"retry-after": "1"})
         if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > LARGEST_URL:
             raise ProblemError(414, f"addresses may have {LARGEST_URL:,} bytes at most; use POST with a JSON body")
@@ -229,16 +231,16 @@ class Rate:
     Parameters
     ----------
     per_second
-        Requests of one client, which is an IPv4 address or a /64 of IPv6 addresses.
+        Requests of one client.
     """
 
     def __init__(self, per_second: float) -> None:
         self._per_second, self._most = per_second, max(1.0, 2 * per_second)
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
-    def allows(self, address: str) -> bool:
+    def allows(self, client: str) -> bool:
         """Whether a client may ask once more."""
-        now, client = time.monotonic(), client_of(address)
+        now = time.monotonic()
         left, since = self._left.get(client, (self._most, now))
         left = min(self._most, left + (now - since) * self._per_second)
         self._left[client] = (left - 1 if left >= 1 else left), now

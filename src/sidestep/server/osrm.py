@@ -34,6 +34,8 @@ SIMPLIFIED = 10.0
 ANNOTATIONS = ("duration", "distance", "speed", "weight", "datasources", "congestion", "congestion_numeric")
 SOURCE = "expected crowds"
 """What the numbers along a route come from."""
+PLANNER = r"^[\w.-]{1,80}$"
+"""Names of planners only: elsewhere ``module:name`` is one, too, which imports a module and calls what is in it."""
 PROFILES = ("foot", "walking", "pedestrian")
 CONGESTION = dict(zip((word for _, word in CROWDING), ("low", "moderate", "heavy", "severe"), strict=True))
 """Mapbox's words for congestion, which clients colour routes by, for ours of crowding."""
@@ -168,7 +170,7 @@ class RouteOptions(General):
     arrive_by: Text | None = None
     """When to be there; the route then departs as late as ``confidence`` allows."""
     confidence: Annotated[float, Field(gt=0, le=1)] | None = None
-    planner: Text | None = None
+    planner: Annotated[str, Field(pattern=PLANNER)] | None = None
     """Who plans; by default ``expected``, or ``darp`` where the server has a model."""
     objective: Text | None = None
     """What is kept low, as in ``sidestep route --objective``."""

@@ -17,9 +17,18 @@ async def _planned(
     request: Request, coordinates: osrm.Coordinates, options: RouteOptions, avoid: dict[str, Any] | None
 ) -> Response:
     served = town_of(request)
-    if planning.is_quick(served, options, avoid):
+    quick = planning.is_quick(served, options, avoid)
+    if quick and served.at_once(len(coordinates), options.walker, options.depart_at):
         return JsonResponse(planning.route(served, coordinates, options))
-    return JsonResponse(await served.heavily(lambda: planning.route(served, coordinates, options, avoid)))
+    aside = served.briefly if quick and served.is_made(options.walker) else served.heavily
+    return JsonResponse(await aside(lambda: planning.route(served, coordinates, options, avoid)))
+
+
+async def _nearest(request: Request, coordinates: osrm.Coordinates, options: NearestOptions) -> Response:
+    served = town_of(request)
+    if served.is_made(options.walker):
+        return JsonResponse(planning.nearest(served, coordinates, options))
+    return JsonResponse(await served.heavily(lambda: planning.nearest(served, coordinates, options)))
 
 
 @router.get("/route/v1/{profile}/{coordinates:path}")
@@ -64,7 +73,7 @@ async def nearest(
 ) -> Response:
     """The streets nearest to a place."""
     check_profile(profile)
-    return JsonResponse(planning.nearest(town_of(request), read_coordinates(coordinates), options))
+    return await _nearest(request, read_coordinates(coordinates), options)
 
 
 @router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm.NearestBody))
@@ -72,4 +81,4 @@ async def nearest_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)
     body = await body_of(request, osrm.NearestBody)
-    return JsonResponse(planning.nearest(town_of(request), osrm.check_coordinates(body.coordinates), body))
+    return await _nearest(request, osrm.check_coordinates(body.coordinates), body)

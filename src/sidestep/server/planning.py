@@ -17,11 +17,13 @@ from sidestep.routing.request import RouteError, RouteRequest, read_departure
 from sidestep.server import osrm
 from sidestep.server.osrm import Coordinates, Pair, Stretch, Walk
 from sidestep.server.problems import ProblemError
-from sidestep.server.town import ServedTown
+from sidestep.server.town import FEW, ServedTown
 
 if TYPE_CHECKING:
     from sidestep.routing.directions import Leg
 
+BACKWARDS = 45
+"""Departures that are tried at most until a walk arrives by a deadline, in a town with slots of 5 minutes."""
 FEW_FUTURES = 1
 """Futures that are simulated where nobody asks for their times."""
 
@@ -252,7 +254,10 @@ def _planned_walks(
     origin, destination = (point.place for point in points)
     deadline = read_departure(options.arrive_by, "arrive_by")
     depart = served.asked("depart_at", options.depart_at) if deadline is None or options.depart_at else None
-    futures = options.futures or (None if deadline is not None else FEW_FUTURES)
+    if deadline is None:
+        futures = served.futures(options.planner, options.futures or FEW_FUTURES)
+    else:
+        futures = served.futures(options.planner, options.futures or FEW, BACKWARDS)
     request = RouteRequest(
         origin=origin,
         destination=destination,

@@ -1,28 +1,30 @@
 """The town that is served: routers, the clock, and the crowds as they are known now."""
 
+import ctypes
+import gc
 import hashlib
 import math
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 from zoneinfo import ZoneInfo
 
-import anyio
-import anyio.to_thread
+import jax
 import numpy as np
 from pydantic_core import to_json
 
-from sidestep import __version__
+from sidestep import __version__, programs
 from sidestep.crowds.live import LONGEST, LOOKBACK, LiveCount, LiveCounts, check_counts, is_late
 from sidestep.crowds.profile import time_of_week
 from sidestep.crowds.wall_time import instant
 from sidestep.errors import SidestepError
 from sidestep.network.names import StreetNames
-from sidestep.planners.registry import planner_infos
+from sidestep.planners.registry import BASELINE, planner_infos
 from sidestep.routing import live as walks
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import CROWDING
@@ -35,12 +37,15 @@ from sidestep.scenarios.places import Venue
 from sidestep.scenarios.reader import find_scenario
 from sidestep.scenarios.walkers import WALKERS, read_walkers
 from sidestep.server.count_formats import read_posted
+from sidestep.server.desk import Desk
 from sidestep.server.osrm import Hinter
 from sidestep.server.problems import ProblemError
 from sidestep.server.settings import Settings
 from sidestep.server.store import Store
 
 T = TypeVar("T")
+LEARNED = "darp"
+"""Name of the planner that a model is."""
 MOST_VARIANTS = 4
 """Routers for other walkers and objectives that are kept."""
 AGED = timedelta(seconds=60)
@@ -49,10 +54,26 @@ LAPSES = timedelta(hours=1)
 """After which a simulated time no longer counts, unless it is set anew: a replay may have been killed."""
 FEW = 50
 """Futures of answers that come with simulated times, where nobody asks for another number."""
+MOST_MADE = 16
+"""Such routers that are made until compiled programs are forgotten: many are made for one of them only."""
+MOST_AT_ONCE = 5
+"""Places of a route that nobody else needs to wait for: each takes a few milliseconds."""
 AT_ONCE = 2
 """Questions that take long, answered side by side."""
 MOST_WAITING = 32
 """Such questions that wait; more are refused."""
+MOST_OF_ONE = 16
+"""Such questions of one client."""
+PATIENCE = 60.0
+"""Seconds after which clients are told that an answer takes too long."""
+SIZES = (1, 20, 50, 100, 200, 500, 1000)
+"""Numbers of futures; others are rounded up, since programs are compiled for each."""
+MOST_WORK = 10.0
+"""Seconds of walking through futures that one question may take."""
+WORK = {"expected": 1e-4, "shortest-path": 1e-4, "greedy-map": 1e-4, "forecast": 0.12}
+"""Seconds of one walk through a future in a town of 2,500 streets, roughly."""
+OTHERS_WORK = 2e-3
+"""Those of planners that are not among them."""
 
 
 def venue_of(scenario: Scenario) -> Venue:
@@ -86,15 +107,15 @@ class ServedTown:
         self.town = self.quick.snapper.town
         self.hinter, self.names = Hinter(self.town), StreetNames(self.town)
         self.zone = None if self.venue.timezone is None else ZoneInfo(self.venue.timezone)
-        self._variants: OrderedDict[tuple[str | None, str | None], Router] = OrderedDict()
-        self._lock = threading.Lock()
+        self._variants: OrderedDict[Scenario, Router] = OrderedDict()
+        self._lock, self._making, self._made = threading.Lock(), threading.Lock(), 0
         self._clock: tuple[datetime, datetime, float] | None = None
         self.store = Store(settings.store_url(self.scenario.name))
         self.live = LiveCounts((), self.venue.timezone)
         self.counted = 0
         self._version, self._refreshed = -1, datetime.min.replace(tzinfo=UTC)
-        self._limiter = anyio.CapacityLimiter(AT_ONCE)
-        self._waiting = 0
+        self._heavy = Desk(AT_ONCE, MOST_WAITING, MOST_OF_ONE, PATIENCE)
+        self._brief = Desk(1, 2 * MOST_WAITING, 2 * MOST_OF_ONE, PATIENCE)
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -240,18 +261,83 @@ class ServedTown:
         SidestepError
             Words that name none (field ``walker`` or ``objective``).
         """
-        if walker is None and objective is None:
+        scenario = self._changed(walker, objective)
+        if scenario == self.scenario:
             return self.router
-        key = walker, objective
-        with self._lock:
-            found = self._variants.get(key)
-            if found is None:
-                found = Router(self._changed(walker, objective))
-            self._variants[key] = found
-            self._variants.move_to_end(key)
-            if len(self._variants) > MOST_VARIANTS:
-                self._variants.popitem(last=False)
+        if (found := self._kept(scenario)) is not None:
+            return found
+        with self._making:
+            if (found := self._kept(scenario)) is not None:
+                return found
+            found = Router(scenario)
+            assert found.quick  # noqa: S101 - made here, where nobody waits for it
+            if self.live.counts:
+                found.go_on_from(self.live, self.now().replace(tzinfo=None))
+            with self._lock:
+                self._variants[scenario] = found
+                if len(self._variants) > MOST_VARIANTS:
+                    self._variants.popitem(last=False)
+            self._made += 1
+            if self._made % MOST_MADE == 0:
+                forget_programs()
         return found
+
+    def at_once(self, places: int, walker: str | None, depart_at: str | None) -> bool:
+        """Whether quick routes through some places are found so soon that nobody else waits for them."""
+        if places > MOST_AT_ONCE or not self.is_made(walker):
+            return False
+        router = self.routers(walker, None)
+        return router.quick.tables.is_ready(self.departs(depart_at, router=router))
+
+    def is_made(self, walker: str | None, objective: str | None = None) -> bool:
+        """Whether a router for a walker and an objective is there already."""
+        scenario = self._changed(walker, objective)
+        return scenario == self.scenario or self._kept(scenario) is not None
+
+    def _kept(self, scenario: Scenario) -> Router | None:
+        with self._lock:
+            found = self._variants.get(scenario)
+            if found is not None:
+                self._variants.move_to_end(scenario)
+        return found
+
+    def futures(self, planner: str | None, asked: int, times: int = 1) -> int:
+        """Find out how many futures are simulated.
+
+        Parameters
+        ----------
+        planner
+            Who walks through them; None: the default.
+        asked
+            How many are asked for.
+        times
+            How often they are walked through.
+
+        Returns
+        -------
+        int
+            The next of ``SIZES``.
+
+        Raises
+        ------
+        ProblemError
+            Planners that are not offered (field ``planner``), and more walks than one question may take (``futures``).
+        """
+        name = planner or (LEARNED if self.has_model else BASELINE)
+        if name not in self.facts["planners"]:
+            raise ProblemError(400, f"planner must be one of {', '.join(self.facts['planners'])}", field="planner")
+        size = next(each for each in SIZES if each >= asked)
+        most = int(MOST_WORK / WORK.get(name, OTHERS_WORK))
+        if size * times > most:
+            said = f"{size} futures are too many here for the planner {name}"
+            fits = [each for each in SIZES if each * times <= most]
+            said += f"; ask for {fits[-1]} at most" if fits else "; choose another planner"
+            raise ProblemError(400, said, field="futures")
+        return size
+
+    def most_walks(self, planner: str | None, futures: int) -> int:
+        """How often a planner may walk through some futures in one question."""
+        return int(MOST_WORK / WORK.get(planner or BASELINE, OTHERS_WORK)) // futures
 
     def _changed(self, walker: str | None, objective: str | None) -> Scenario:
         changes: dict[str, Any] = {}
@@ -264,7 +350,7 @@ class ServedTown:
         if objective is not None:
             with at_fault("objective"):
                 changes["objective"] = read_objective(objective)
-        return self.scenario.changed(**changes)
+        return self.scenario.changed(**changes) if changes else self.scenario
 
     def now(self) -> datetime:
         """Local time, by the clock of the town or the one that a replay has set."""
@@ -388,7 +474,7 @@ class ServedTown:
         """What is served, whose it is, and what may be asked."""
         town, scenario = self.town, self.scenario
         (west, south), (east, north) = town.place.min(axis=0).tolist(), town.place.max(axis=0).tolist()
-        planners = [name for name, info in planner_infos().items() if info.level != "hindsight"]
+        planners = [name for name, info in planner_infos().items() if info.level != "hindsight" and not info.learns]
         return {
             "scenario": scenario.name,
             "summary": scenario.summary,
@@ -397,7 +483,7 @@ class ServedTown:
             "crowds": self.venue.attribution,
             "synthetic": self.venue.synthetic,
             "timezone": self.venue.timezone,
-            "planners": planners + ["darp"] * self.has_model,
+            "planners": planners + [LEARNED] * self.has_model,
             "walkers": list(WALKERS),
             "objectives": ["time", "distance", "exposure"],
             "crowding": [{"word": word, "limit": limit if math.isfinite(limit) else None} for limit, word in CROWDING],
@@ -435,12 +521,25 @@ class ServedTown:
         Raises
         ------
         ProblemError
-            503 where too many wait already.
+            503 where too many wait already, or it takes too long.
         """
-        if self._waiting >= MOST_WAITING:
-            raise ProblemError(503, "too many such questions at once; ask again soon", headers={"retry-after": "2"})
-        self._waiting += 1
-        try:
-            return await anyio.to_thread.run_sync(answer, limiter=self._limiter)
-        finally:
-            self._waiting -= 1
+        return await self._heavy.answer(answer)
+
+    async def briefly(self, answer: Callable[[], T]) -> T:
+        """Answer a question that takes less than a second or so, past those that take longer; as :meth:`heavily`."""
+        return await self._brief.answer(answer)
+
+    def close(self) -> None:
+        """Answer no more."""
+        self._heavy.close()
+        self._brief.close()
+        self.store.close()
+
+
+def forget_programs() -> None:
+    """Forget compiled programs, and give the system what they took; those that are needed are read from disk again."""
+    programs.clear_caches()
+    jax.clear_caches()  # type: ignore[no-untyped-call]
+    gc.collect()
+    with suppress(OSError, AttributeError):  # systems without glibc
+        ctypes.CDLL(None).malloc_trim(0)
