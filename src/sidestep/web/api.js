@@ -1,0 +1,65 @@
+// What the server is asked, and what it says when it cannot answer.
+
+/** A sentence from the server, or about it. */
+export class Refusal extends Error {}
+
+function address(path, query) {
+  const url = new URL(path, document.baseURI);
+  for (const [name, value] of Object.entries(query)) {
+    if (value !== undefined && value !== null && value !== "") url.searchParams.set(name, value);
+  }
+  return url;
+}
+
+async function answered(url, options) {
+  let response;
+  try {
+    response = await fetch(url, options);
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Refusal("The server does not answer; it is tried again with the next request.");
+  }
+  if (response.status === 204) return null;
+  const text = await response.text();
+  let said = null;
+  try {
+    said = JSON.parse(text);
+  } catch {
+    said = null;
+  }
+  if (response.ok && said !== null && (said.code === undefined || said.code === "Ok")) return said;
+  // RFC 9457 says it in "detail", OSRM in "message".
+  throw new Refusal(said?.detail ?? said?.message ?? `The server answered with status ${response.status}.`);
+}
+
+/** Ask for something. */
+export const get = (path, query = {}, signal = undefined) => answered(address(path, query), { signal });
+
+/** Send something. */
+export const send = (method, path, body = undefined, signal = undefined) =>
+  answered(address(path, {}), {
+    method,
+    signal,
+    body: body === undefined ? undefined : JSON.stringify(body),
+    headers: body === undefined ? {} : { "Content-Type": "application/json" },
+  });
+
+/** Listen to the server's events; the browser connects again by itself. */
+export function listen(path, listeners) {
+  const source = new EventSource(address(path, {}));
+  for (const [name, listener] of Object.entries(listeners)) {
+    source.addEventListener(name, (event) => {
+      let data = {};
+      try {
+        data = event.data ? JSON.parse(event.data) : {};
+      } catch {
+        data = {};
+      }
+      listener(data);
+    });
+  }
+  return source;
+}
+
+/** A place as the server reads it. */
+export const lonLat = (place) => `${place.lon.toFixed(6)},${place.lat.toFixed(6)}`;

@@ -1,0 +1,122 @@
+// What is counted, as it arrives; and where it is crowded at the chosen time.
+
+import { get, listen } from "./api.js";
+import { crowding, onCrowds, refreshCrowds, shown } from "./crowds.js";
+import { byId, make, settled, toast } from "./dom.js";
+import { flash, paint } from "./map.js";
+import { onChange, state } from "./state.js";
+import { chosen, setClock } from "./time.js";
+
+const LISTED = 10;
+let town = null;
+let streets = [];
+let sensors = [];
+const lately = new Set();
+
+const number = (value) => (Number.isFinite(value) ? Math.round(value).toLocaleString("en") : "–");
+const when = (text) => /T(\d\d:\d\d)/.exec(text ?? "")?.[1] ?? "–";
+
+function paintSensors() {
+  const some = state.tab === "crowds" || sensors.some((sensor) => sensor.properties.count !== null);
+  paint("sensors", some ? sensors : []);
+}
+
+function showSensors() {
+  byId("sensors-body").replaceChildren(...sensors.map(({ properties }) =>
+    make("tr", { class: lately.has(properties.sensor) ? "picked" : null },
+      make("th", { scope: "row", text: properties.sensor }),
+      make("td", { text: number(properties.count ?? NaN) }), make("td", { text: number(properties.expected ?? NaN) }), make("td", { text: when(properties.counted_at) }))));
+  byId("sensors").hidden = sensors.length === 0;
+  paintSensors();
+}
+
+async function readSensors() {
+  try {
+    sensors = (await get("sensors")).features ?? [];
+  } catch {
+    sensors = []; // the town may have none
+  }
+  showSensors();
+}
+
+function showStreets() {
+  if (!shown || state.tab !== "crowds") return;
+  const metres = [0, 0, 0, 0];
+  const named = new Map();
+  for (const { properties } of streets) {
+    const density = shown.density[properties.street] ?? 0;
+    metres[crowding(density)] += properties.metres;
+    const { name } = properties;
+    if (name && density > (named.get(name) ?? 0)) named.set(name, density);
+  }
+  const all = metres.reduce((sum, value) => sum + value, 0) || 1;
+  byId("shares").replaceChildren(...town.crowding.map(({ word }, turn) => {
+    const share = (100 * metres[turn]) / all;
+    const bar = make("span", { class: `bar crowd-${turn}` });
+    bar.style.setProperty("--share", `${share}%`);
+    return make("li", {}, make("span", { text: word }), make("span", { class: "track" }, bar), make("span", { class: "figure", text: `${share.toFixed(share < 10 ? 1 : 0)} %` }));
+  }));
+  const densest = [...named].sort((one, other) => other[1] - one[1]).slice(0, LISTED);
+  byId("densest-body").replaceChildren(...densest.map(([name, density]) =>
+    make("tr", {}, make("th", { scope: "row", text: name }), make("td", { text: town.crowding[crowding(density)].word }), make("td", { text: density.toFixed(1) }))));
+}
+
+const arrived = settled(300, async (names) => {
+  await readSensors();
+  for (const name of lately) flash(name);
+  const first = sensors.find((sensor) => names.includes(sensor.properties.sensor))?.properties;
+  if (!first) return;
+  const more = names.length > 1 ? `, and ${names.length - 1} more` : "";
+  toast(`Counted: ${first.sensor}, ${number(first.count ?? NaN)} persons/h${more}`);
+  setTimeout(() => {
+    lately.clear();
+    showSensors();
+  }, 5000);
+});
+
+/** Begin; crowds that changed are told to a function. */
+export function startCounts(facts, features, changed) {
+  town = facts;
+  streets = features;
+  byId("panel-crowds").append(
+    make("h2", { text: "The streets at the chosen time" }),
+    make("ul", { id: "shares", class: "shares", "aria-label": "Share of the streets' length" }),
+    make("table", {},
+      make("caption", { class: "hidden", text: "Densest streets" }),
+      make("thead", {}, make("tr", {}, ...["Densest streets", "crowd", "persons/m²"].map((text) => make("th", { scope: "col", text })))),
+      make("tbody", { id: "densest-body" })),
+    make("div", { id: "sensors", hidden: true },
+      make("h2", {}, "Counts ", make("span", { id: "wire", class: "wire", text: "connecting" })),
+      make("table", {},
+        make("caption", { class: "hidden", text: "Sensors, and what they counted latest" }),
+        make("thead", {}, make("tr", {}, ...["Sensor", "counted/h", "expected/h", "at"].map((text) => make("th", { scope: "col", text })))),
+        make("tbody", { id: "sensors-body" }))));
+  onCrowds("crowds", showStreets);
+  onChange((names) => {
+    if (!names.has("tab")) return;
+    showStreets();
+    paintSensors();
+  });
+  showStreets();
+  readSensors();
+  const names = new Set();
+  const day = () => Math.floor(chosen() / 1440);
+  const source = listen("events", {
+    counts: (data) => {
+      for (const name of data.sensors ?? []) names.add(name).size && lately.add(name);
+      arrived([...names]);
+      setTimeout(() => names.clear(), 400);
+    },
+    crowds: () => {
+      refreshCrowds(day());
+      changed();
+    },
+    clock: (data) => {
+      if (data.now) setClock(data);
+      else get("clock").then(setClock, () => {});
+      if (state.at === null) refreshCrowds(day());
+    },
+  });
+  source.onopen = () => (byId("wire").textContent = "live");
+  source.onerror = () => (byId("wire").textContent = "not connected");
+}

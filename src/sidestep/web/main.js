@@ -1,0 +1,111 @@
+// Puts the page together.
+
+import { get } from "./api.js";
+import { chooseTheme, onTheme, startTheme, theme } from "./colours.js";
+import { startCounts } from "./counts.js";
+import { showCrowds, startCrowds } from "./crowds.js";
+import { byId, complain, forgive, toast } from "./dom.js";
+import { startLeave } from "./leave.js";
+import { map, startMap } from "./map.js";
+import { startPlaces } from "./places.js";
+import { startReach } from "./reach.js";
+import { replan, startRoutes } from "./routes.js";
+import { startSheet } from "./sheet.js";
+import { change, onChange, readLink, state, TABS, writeLink } from "./state.js";
+import { startTime } from "./time.js";
+import { startWalk } from "./walk.js";
+
+function startTabs() {
+  const show = () => {
+    for (const name of TABS) {
+      const on = name === state.tab;
+      byId(`tab-${name}`).setAttribute("aria-selected", String(on));
+      byId(`tab-${name}`).tabIndex = on ? 0 : -1;
+      byId(`panel-${name}`).hidden = !on;
+    }
+  };
+  for (const name of TABS) {
+    byId(`tab-${name}`).addEventListener("click", () => change({ tab: name }));
+    byId(`tab-${name}`).addEventListener("keydown", (event) => {
+      const at = TABS.indexOf(name);
+      const next = { ArrowRight: at + 1, ArrowLeft: at - 1 + TABS.length, Home: 0, End: TABS.length - 1 }[event.key];
+      if (next === undefined) return;
+      event.preventDefault();
+      change({ tab: TABS[next % TABS.length] });
+      byId(`tab-${state.tab}`).focus();
+    });
+  }
+  onChange((changed) => changed.has("tab") && show());
+  show();
+}
+
+function startButtons() {
+  const says = () => {
+    const dark = theme() === "dark";
+    byId("theme").setAttribute("aria-pressed", String(dark));
+  };
+  byId("theme").addEventListener("click", () => chooseTheme(theme() === "dark" ? "light" : "dark"));
+  onTheme(says);
+  says();
+  byId("alert-close").addEventListener("click", forgive);
+  byId("share").addEventListener("click", async () => {
+    const link = new URL(writeLink(), document.baseURI).href;
+    history.replaceState(null, "", writeLink());
+    try {
+      await navigator.clipboard.writeText(link);
+      toast("The link to this view is on the clipboard.");
+    } catch {
+      toast("The address of this page holds this view.");
+    }
+  });
+}
+
+function showTown(town) {
+  byId("town").textContent = town.name;
+  document.title = `Sidestep: ${town.name}`;
+  byId("attribution").textContent = `Streets: ${town.attribution}. Crowds: ${town.crowds}.`;
+  byId("synthetic").textContent = `Synthetic: ${town.synthetic}.`;
+  byId("synthetic").hidden = !town.synthetic;
+}
+
+async function start() {
+  startTheme();
+  Object.assign(state, readLink(location.hash));
+  startTabs();
+  startButtons();
+  startSheet();
+  const geometry = get("streets");
+  geometry.catch(() => {});
+  let town;
+  try {
+    town = await get("town");
+  } catch (error) {
+    complain("town", error.message);
+    return;
+  }
+  showTown(town);
+  startCrowds(town);
+  const time = await startTime(town);
+  startPlaces(town);
+  startRoutes(town);
+  startLeave();
+  startReach();
+  startWalk(town);
+  let streets = { type: "FeatureCollection", features: [] };
+  try {
+    streets = await geometry;
+  } catch (error) {
+    complain("streets", error.message);
+  }
+  const metres = [];
+  for (const { properties } of streets.features) metres[properties.street] = properties.metres;
+  time.withStreets(metres);
+  startCounts(town, streets.features, replan);
+  showCrowds();
+  addEventListener("hashchange", () => change(readLink(location.hash)));
+  await startMap(town, streets);
+  // For programs that look at the page: tests, the console.
+  globalThis.sidestep = { map, state };
+}
+
+start();

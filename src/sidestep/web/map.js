@@ -1,0 +1,347 @@
+// The map: streets by their crowding, routes, reach, sensors, walkers. MapLibre GL from this host, no tiles and no fonts:
+// names of streets are drawn with the fonts of the system.
+
+import { DASHES, onTheme, palette } from "./colours.js";
+import { crowding, onCrowds, shown } from "./crowds.js";
+import { byId, calm, make } from "./dom.js";
+import { change, onChange, state } from "./state.js";
+
+const EMPTY = { type: "FeatureCollection", features: [] };
+const SOURCES = ["reach", "routes", "walk", "sensors"];
+
+let gl = null; // the library
+export let map = null;
+let streets = null;
+let town = null;
+let classes = [];
+let active = null; // the end that the next click on the map is for
+const pins = {};
+const data = {};
+
+/** One of several values by a number, the first where there is no such number. */
+const oneOf = (number, values) => ["match", number, ...values.slice(1).flatMap((value, turn) => [turn + 1, value]), values[0]];
+const literal = (values) => values.map((value) => ["literal", value]);
+
+const CROWD = ["coalesce", ["feature-state", "crowd"], 0];
+const STYLE = ["%", ["get", "style"], DASHES.length];
+
+const widths = (base) => {
+  const wide = (factor) => ["*", factor, oneOf(CROWD, [1, 1.6, 2.3, 3])];
+  return ["interpolate", ["exponential", 1.5], ["zoom"], 12, wide(base * 0.55), 15, wide(base * 1.25), 18, wide(base * 4)];
+};
+
+const crowdColour = () => oneOf(CROWD, palette().crowds);
+
+const routeWidth = (more) => [
+  "interpolate", ["exponential", 1.4], ["zoom"],
+  12, ["+", ["case", ["get", "picked"], 4, 2.4], more],
+  16, ["+", ["case", ["get", "picked"], 7, 4.5], more],
+];
+const routeColour = () => oneOf(STYLE, palette().routes);
+const dashes = oneOf(STYLE, literal(DASHES));
+
+function style() {
+  const colours = palette();
+  return {
+    version: 8,
+    sources: {
+      streets: { type: "geojson", data: streets, promoteId: "street", tolerance: 0.2 },
+      ...Object.fromEntries(SOURCES.map((name) => [name, { type: "geojson", data: data[name] ?? EMPTY, ...(name === "sensors" ? { promoteId: "sensor" } : {}) }])),
+    },
+    layers: [
+      { id: "paper", type: "background", paint: { "background-color": colours.paper } },
+      { id: "reach-area", type: "fill", source: "reach", paint: { "fill-color": oneOf(["get", "ring"], colours.reach), "fill-opacity": 0.22 } },
+      { id: "streets", type: "line", source: "streets", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": crowdColour(), "line-width": widths(1.5) } },
+      { id: "reach-line", type: "line", source: "reach", layout: { "line-join": "round" }, paint: { "line-color": oneOf(["get", "ring"], colours.reach), "line-width": 2 } },
+      { id: "routes-casing", type: "line", source: "routes", layout: { "line-cap": "round", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] }, paint: { "line-color": colours.casing, "line-width": routeWidth(3) } },
+      { id: "routes", type: "line", source: "routes", layout: { "line-cap": "butt", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] }, paint: { "line-color": routeColour(), "line-width": routeWidth(0), "line-dasharray": dashes } },
+      { id: "walk-casing", type: "line", source: "walk", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": colours.casing, "line-width": 9 } },
+      { id: "walk", type: "line", source: "walk", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": ["match", ["get", "part"], "walked", colours.walked, "dropped", colours.walked, colours.routes[0]], "line-width": ["match", ["get", "part"], "dropped", 2.5, 5.5], "line-opacity": ["match", ["get", "part"], "dropped", 0.8, 1] } },
+      {
+        id: "names", type: "symbol", source: "streets", minzoom: 13.5, filter: ["!=", ["get", "name"], ""],
+        layout: {
+          "symbol-placement": "line", "symbol-spacing": 320, "text-field": ["get", "name"], "text-font": ["system-ui"],
+          "text-size": ["interpolate", ["linear"], ["zoom"], 13.5, 10, 17, 14], "text-padding": 6, "text-max-angle": 35,
+          "symbol-sort-key": ["-", 0, ["get", "metres"]],
+        },
+        paint: { "text-color": colours.label, "text-halo-color": colours.halo, "text-halo-width": 1.6 },
+      },
+      { id: "sensors", type: "circle", source: "sensors", paint: sensorPaint() },
+    ],
+  };
+}
+
+function sensorPaint() {
+  const colours = palette();
+  const counted = ["!=", ["get", "count"], null];
+  return {
+    "circle-radius": ["+", 5, ["*", 0.22, ["sqrt", ["max", 0, ["coalesce", ["get", "count"], ["get", "expected"], 0]]]]],
+    "circle-color": colours.sensor,
+    "circle-opacity": ["case", counted, 0.55, 0.08],
+    "circle-stroke-color": ["case", ["boolean", ["feature-state", "fresh"], false], colours.routes[0], colours.sensor],
+    "circle-stroke-width": ["case", ["boolean", ["feature-state", "fresh"], false], 4, 1.5],
+  };
+}
+
+function repaint() {
+  if (!map?.isStyleLoaded() && !map?.getLayer("streets")) return;
+  const wanted = style().layers;
+  for (const layer of wanted) {
+    for (const [name, value] of Object.entries(layer.paint)) {
+      if (/color|opacity/.test(name)) map.setPaintProperty(layer.id, name, value);
+    }
+  }
+}
+
+/** Give the streets the classes of the crowds; only those that changed are told to the map. */
+function colour(crowds) {
+  if (!map || !streets || !map.getSource("streets")) return;
+  streets.features.forEach((feature) => {
+    const { street } = feature.properties;
+    const now = crowding(crowds.density[street] ?? 0);
+    if (classes[street] === now) return;
+    classes[street] = now;
+    map.setFeatureState({ source: "streets", id: street }, { crowd: now });
+  });
+}
+
+/** Replace what one of the sources draws. */
+export function paint(name, features) {
+  data[name] = { type: "FeatureCollection", features };
+  map?.getSource(name)?.setData(data[name]);
+}
+
+/** Let a sensor stand out for some seconds. */
+export function flash(sensor) {
+  if (!map?.getSource("sensors")) return;
+  map.setFeatureState({ source: "sensors", id: sensor }, { fresh: true });
+  setTimeout(() => map.setFeatureState({ source: "sensors", id: sensor }, { fresh: false }), 5000);
+}
+
+/** The space that the panel and the bar of time leave free, so that what is shown is not below them. */
+function padding() {
+  const area = document.querySelector(".map-area").getBoundingClientRect();
+  const space = { top: 40, left: 40, right: 40, bottom: 40 };
+  const time = document.querySelector(".time").getBoundingClientRect();
+  const panel = byId("panel").getBoundingClientRect();
+  const wide = matchMedia("(min-width: 800px)").matches;
+  if (wide) space.bottom += Math.max(0, area.bottom - time.top);
+  else {
+    space.top += time.bottom;
+    space.bottom += Math.max(0, area.bottom - panel.top);
+  }
+  space.right += 24;
+  if (space.bottom + space.top > area.height - 60) space.bottom = Math.max(20, area.height - space.top - 60);
+  return space;
+}
+
+/** Show all of some coordinates. */
+export function frame(coordinates, { keep = false } = {}) {
+  if (!map || coordinates.length === 0) return;
+  const bounds = coordinates.reduce((found, point) => found.extend(point), new gl.LngLatBounds(coordinates[0], coordinates[0]));
+  if (keep && inView(bounds)) return;
+  map.fitBounds(bounds, { padding: padding(), maxZoom: 16.5, duration: calm() ? 0 : 600 });
+}
+
+function inView(bounds) {
+  const free = padding();
+  const { width, height } = map.getCanvas().getBoundingClientRect();
+  return [bounds.getSouthWest(), bounds.getNorthEast()].every((corner) => {
+    const { x, y } = map.project(corner);
+    return x > free.left / 2 && x < width - free.right / 2 && y > free.top / 2 && y < height - free.bottom / 2;
+  });
+}
+
+const wholeTown = () => {
+  const [west, south, east, north] = town.bounds;
+  frame([[west, south], [east, north]]);
+};
+
+/** Move the view to a place. */
+export const lookAt = (place) => {
+  if (map && !inView(new gl.LngLatBounds([place.lon, place.lat], [place.lon, place.lat])))
+    map.easeTo({ center: [place.lon, place.lat], duration: calm() ? 0 : 400, padding: padding() });
+};
+
+/** The place in the middle of what is seen. */
+export function middle() {
+  if (!map) return { lon: (town.bounds[0] + town.bounds[2]) / 2, lat: (town.bounds[1] + town.bounds[3]) / 2, name: "" };
+  const free = padding();
+  const { width, height } = map.getCanvas().getBoundingClientRect();
+  const { lng, lat } = map.unproject([(width + free.left - free.right) / 2, (height + free.top - free.bottom) / 2]);
+  return { lon: lng, lat, name: "" };
+}
+
+/** Say which end the next click is for. */
+export function expectClick(end) {
+  active = end;
+  hint();
+}
+
+function hint() {
+  const box = byId("hint");
+  const next = active ?? (state.from === null ? "from" : state.to === null ? "to" : null);
+  box.hidden = !map || next === null || (next === "from" && state.from !== null) || (next === "to" && state.to !== null);
+  box.textContent = next === "from" ? "Click the map where the walk begins" : "Now click where it ends";
+}
+
+const NUDGE = { ArrowUp: [0, -1], ArrowDown: [0, 1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
+
+function pin(end) {
+  const place = state[end];
+  if (place === null) {
+    pins[end]?.remove();
+    delete pins[end];
+    return;
+  }
+  const called = end === "from" ? "Start" : "Destination";
+  if (!pins[end]) {
+    const button = make("button", { type: "button", class: `pin pin-${end}` }, make("span", { text: end === "from" ? "A" : "B" }));
+    const marker = new gl.Marker({ element: button, draggable: true, anchor: "bottom" });
+    marker.on("dragend", () => {
+      const { lng, lat } = marker.getLngLat();
+      change({ [end]: { lon: lng, lat, name: "" } });
+    });
+    button.addEventListener("keydown", (event) => {
+      const step = NUDGE[event.key];
+      if (!step) return;
+      event.preventDefault();
+      event.stopPropagation();
+      const point = map.project(marker.getLngLat());
+      const { lng, lat } = map.unproject([point.x + 12 * step[0], point.y + 12 * step[1]]);
+      change({ [end]: { lon: lng, lat, name: "" } });
+    });
+    pins[end] = marker.setLngLat([place.lon, place.lat]).addTo(map);
+    button.setAttribute("role", "button"); // MapLibre's own role would hide that it can be pressed
+  }
+  pins[end].setLngLat([place.lon, place.lat]);
+  pins[end].getElement().setAttribute("aria-label", `${called}${place.name ? `, ${place.name}` : ""}: drag it, or move it with the arrow keys`);
+  pins[end].getElement().title = place.name || called;
+}
+
+let walker = null;
+
+/** Put the walker somewhere, or away (null). */
+export function putWalker(place) {
+  if (!map) return;
+  if (place === null) {
+    walker?.remove();
+    walker = null;
+    return;
+  }
+  walker ??= new gl.Marker({ element: make("div", { class: "walker" }) }).setLngLat(place).addTo(map);
+  walker.getElement().removeAttribute("role");
+  walker.getElement().setAttribute("aria-hidden", "true");
+  walker.getElement().removeAttribute("aria-label");
+  walker.setLngLat(place);
+}
+
+/** What is said of a street when it is clicked. */
+function streetWords(properties) {
+  const density = shown?.density[properties.street];
+  const name = properties.name || properties.kind || "street";
+  if (density === undefined) return [name, ""];
+  return [name, `${town.crowding[crowding(density)].word}, ${density.toFixed(density < 1 ? 2 : 1)} persons/m²`];
+}
+
+function nearestStreet(point) {
+  const box = [[point.x - 8, point.y - 8], [point.x + 8, point.y + 8]];
+  return map.queryRenderedFeatures(box, { layers: ["streets"] })[0] ?? null;
+}
+
+let popup = null;
+
+function clicked(event) {
+  const { lng, lat } = event.lngLat;
+  const place = { lon: lng, lat, name: "" };
+  const next = active ?? (state.from === null ? "from" : state.to === null ? "to" : null);
+  popup?.remove();
+  if (next !== null) {
+    active = null;
+    change({ [next]: place });
+    hint();
+    return;
+  }
+  const street = nearestStreet(event.point);
+  const [name, crowd] = street ? streetWords(street.properties) : ["Here", ""];
+  const choose = (end) => () => {
+    popup.remove();
+    change({ [end]: place });
+  };
+  popup = new gl.Popup({ closeButton: false, maxWidth: "260px", offset: 8 })
+    .setLngLat(event.lngLat)
+    .setDOMContent(
+      make("div", { class: "here" },
+        make("p", {}, make("b", { text: name }), crowd ? make("span", { text: crowd }) : null),
+        make("div", { class: "row" },
+          make("button", { type: "button", class: "chip", text: "Start here", onclick: choose("from") }),
+          make("button", { type: "button", class: "chip", text: "Go here", onclick: choose("to") }))),
+    )
+    .addTo(map);
+}
+
+function withoutMap(sentence) {
+  byId("no-map").textContent = sentence;
+  byId("no-map").hidden = false;
+  document.querySelector(".map-tools").hidden = true;
+  document.documentElement.dataset.map = "none";
+}
+
+/** Begin; resolves when the map is drawn, or cannot be. */
+export async function startMap(facts, geometry) {
+  [town, streets] = [facts, geometry];
+  classes = [];
+  try {
+    gl = await import("./vendor/maplibre-gl.mjs");
+  } catch {
+    withoutMap("The files of the map are missing here; in a checkout of Sidestep, make page fetches them. Everything else on this page works without them.");
+    return;
+  }
+  try {
+    map = new gl.Map({
+      container: "map",
+      style: style(),
+      bounds: town.bounds,
+      fitBoundsOptions: { padding: padding() },
+      attributionControl: false,
+      maxPitch: 0,
+      dragRotate: false,
+      pitchWithRotate: false,
+      minZoom: 9,
+      maxZoom: 19,
+      fadeDuration: calm() ? 0 : 200,
+      locale: { "Map.Title": `Streets of ${town.name}` },
+    });
+  } catch {
+    map = null;
+    withoutMap("This browser cannot draw the map: WebGL is off. Routes, times and crowds are in the tables.");
+    return;
+  }
+  map.touchZoomRotate.disableRotation();
+  map.keyboard.disableRotation();
+  map.getCanvas().setAttribute("aria-label", `Map of the streets of ${town.name}, coloured by crowding; arrow keys move it, plus and minus zoom`);
+  if (state.camera) map.jumpTo({ center: [state.camera.lon, state.camera.lat], zoom: state.camera.zoom });
+  map.on("moveend", () => {
+    const { lng, lat } = map.getCenter();
+    change({ camera: { zoom: map.getZoom(), lat, lon: lng } });
+  });
+  map.on("click", clicked);
+  map.on("mousemove", "streets", () => (map.getCanvas().style.cursor = "pointer"));
+  map.on("mouseleave", "streets", () => (map.getCanvas().style.cursor = ""));
+  byId("zoom-in").addEventListener("click", () => map.zoomIn());
+  byId("zoom-out").addEventListener("click", () => map.zoomOut());
+  byId("whole").addEventListener("click", wholeTown);
+  onTheme(repaint);
+  onCrowds("crowds", colour);
+  onChange((changed) => {
+    for (const end of ["from", "to"]) if (changed.has(end)) pin(end);
+    if (changed.has("from") || changed.has("to")) hint();
+  });
+  await new Promise((ready) => map.once("load", ready));
+  pin("from");
+  pin("to");
+  hint();
+  if (shown) colour(shown);
+  for (const name of Object.keys(data)) map.getSource(name)?.setData(data[name]);
+  document.documentElement.dataset.map = "drawn";
+}

@@ -1,0 +1,191 @@
+// Both ends of the walk as text: comboboxes of street names, coordinates and places on the map
+// (ARIA Authoring Practices, "Editable Combobox With List Autocomplete").
+
+import { get, lonLat } from "./api.js";
+import { byId, complain, icon, make, settled } from "./dom.js";
+import { expectClick, lookAt, middle } from "./map.js";
+import { change, onChange, state } from "./state.js";
+
+const CROSS = "m7 7 10 10M17 7 7 17";
+const words = { from: "From", to: "To" };
+let town = null;
+
+/** Latitude and longitude as people write them. */
+export const inWords = (place) => place.name || `${place.lat.toFixed(5)}, ${place.lon.toFixed(5)}`;
+
+const within = (lon, lat) => {
+  const [west, south, east, north] = town.bounds;
+  const [wide, high] = [(east - west) / 2, (north - south) / 2];
+  return lon >= west - wide && lon <= east + wide && lat >= south - high && lat <= north + high;
+};
+
+/** Two numbers as a place: latitude first, as people write them, unless only the other order lies near the town. */
+function coordinates(text) {
+  const found = /^\s*(-?\d{1,3}(?:\.\d+)?)\s*[,;\s]\s*(-?\d{1,3}(?:\.\d+)?)\s*$/.exec(text);
+  if (!found) return null;
+  const [one, other] = [Number(found[1]), Number(found[2])];
+  const [lat, lon] = !within(other, one) && within(one, other) ? [other, one] : [one, other];
+  return Math.abs(lat) <= 90 && Math.abs(lon) <= 180 ? { lat, lon, name: "" } : null;
+}
+
+function combobox(end) {
+  const id = `end-${end}`;
+  const input = make("input", {
+    id, type: "text", role: "combobox", autocomplete: "off", autocapitalize: "off", spellcheck: "false",
+    placeholder: end === "from" ? "Street, or click the map" : "Street, or click the map",
+    "aria-autocomplete": "list", "aria-expanded": "false", "aria-controls": `${id}-list`,
+  });
+  const list = make("ul", { id: `${id}-list`, role: "listbox", "aria-label": `Places for ${words[end]}`, class: "options", hidden: true });
+  const clear = make("button", { type: "button", class: "quiet clear", "aria-label": `Clear ${words[end]}`, hidden: true }, icon(CROSS));
+  let options = [];
+  let at = -1;
+  let asking = null;
+
+  const open = () => !list.hidden;
+  const close = () => {
+    list.hidden = true;
+    at = -1;
+    input.setAttribute("aria-expanded", "false");
+    input.removeAttribute("aria-activedescendant");
+  };
+
+  function highlight(next) {
+    at = next;
+    options.forEach((option, turn) => option.node.setAttribute("aria-selected", String(turn === at)));
+    if (at < 0) input.removeAttribute("aria-activedescendant");
+    else {
+      input.setAttribute("aria-activedescendant", options[at].node.id);
+      options[at].node.scrollIntoView({ block: "nearest" });
+    }
+  }
+
+  function choose(option) {
+    close();
+    complain("search", null);
+    const place = option.place();
+    input.value = inWords(place);
+    expectClick(null);
+    change({ [end]: place });
+    lookAt(place);
+  }
+
+  function offer(found) {
+    options = found.map((option, turn) => ({
+      ...option,
+      node: make("li", { id: `${id}-option-${turn}`, role: "option", "aria-selected": "false" },
+        make("span", { text: option.says }), option.more ? make("small", { text: option.more }) : null),
+    }));
+    for (const option of options) {
+      option.node.addEventListener("pointerdown", (event) => event.preventDefault()); // the text keeps the focus
+      option.node.addEventListener("click", () => choose(option));
+    }
+    list.replaceChildren(...options.map((option) => option.node));
+    at = -1;
+    input.removeAttribute("aria-activedescendant");
+    const some = options.length > 0 && document.activeElement === input;
+    list.hidden = !some;
+    input.setAttribute("aria-expanded", String(some));
+  }
+
+  const onMap = { says: "The middle of the map", more: "as it is shown now", place: middle };
+
+  const search = settled(120, async () => {
+    const text = input.value.trim();
+    asking?.abort();
+    const place = coordinates(text);
+    if (place) {
+      offer([{ says: inWords(place), more: "latitude, longitude", place: () => place }]);
+      return;
+    }
+    if (text === "") {
+      offer([onMap]);
+      return;
+    }
+    asking = new AbortController();
+    try {
+      const found = await get("search", { q: text, limit: 7 }, asking.signal);
+      complain("search", null);
+      const named = found.map((each) => ({
+        says: each.name,
+        more: each.streets > 1 ? `${each.streets} parts` : "",
+        place: () => ({ lon: each.longitude, lat: each.latitude, name: each.name }),
+      }));
+      offer(named.length > 0 ? named : [{ ...onMap, says: `No street is called “${text}”`, more: "take the middle of the map" }]);
+    } catch (error) {
+      if (error.name !== "AbortError") complain("search", error.message);
+    }
+  });
+
+  input.addEventListener("input", search);
+  input.addEventListener("focus", () => {
+    expectClick(end);
+    input.select();
+  });
+  input.addEventListener("click", () => !open() && search());
+  input.addEventListener("blur", () => {
+    close();
+    input.value = state[end] ? inWords(state[end]) : "";
+  });
+  input.addEventListener("keydown", (event) => {
+    const { length } = options;
+    if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+      event.preventDefault();
+      if (!open()) search();
+      else if (length > 0) highlight(event.key === "ArrowDown" ? (at + 1) % length : (at <= 0 ? length : at) - 1);
+    } else if (event.key === "Enter") {
+      event.preventDefault();
+      const place = coordinates(input.value);
+      if (open() && length > 0) choose(options[Math.max(at, 0)]);
+      else if (place) choose({ place: () => place });
+    } else if (event.key === "Escape") {
+      if (open()) close();
+      else input.value = "";
+    }
+  });
+  clear.addEventListener("click", () => {
+    change({ [end]: null });
+    input.focus();
+  });
+
+  const show = () => {
+    if (document.activeElement !== input) input.value = state[end] ? inWords(state[end]) : "";
+    clear.hidden = state[end] === null;
+  };
+  document.querySelector(`.end[data-end=${end}]`).append(
+    make("label", { for: id }, make("span", { class: `dot dot-${end}`, "aria-hidden": "true", text: end === "from" ? "A" : "B" }), make("span", { text: words[end] })),
+    input, clear, list,
+  );
+  return { show, name: () => name(end, show) };
+}
+
+/** Ask for the name of the street at an end that has none yet. */
+async function name(end, show) {
+  const place = state[end];
+  if (place === null || place.name !== "") return;
+  try {
+    const found = await get(`nearest/v1/foot/${lonLat(place)}`, { number: 1 });
+    const street = found.waypoints?.[0]?.name;
+    if (street && state[end] === place) {
+      place.name = street;
+      show();
+    }
+  } catch {
+    // coordinates do as well
+  }
+}
+
+/** Begin. */
+export function startPlaces(facts) {
+  town = facts;
+  const ends = { from: combobox("from"), to: combobox("to") };
+  byId("swap").addEventListener("click", () => change({ from: state.to, to: state.from }));
+  const show = (changed) => {
+    for (const end of ["from", "to"]) {
+      if (!changed.has(end)) continue;
+      ends[end].show();
+      ends[end].name();
+    }
+  };
+  onChange(show);
+  show(new Set(["from", "to"]));
+}

@@ -1,0 +1,49 @@
+// On narrow screens the panel is a sheet that rises from below: it shows its head, half of the screen, or nearly all.
+
+import { byId } from "./dom.js";
+
+const STOPS = ["low", "half", "high"];
+
+/** Begin. */
+export function startSheet() {
+  const handle = byId("sheet");
+  const panel = byId("panel");
+  const set = (stop) => {
+    panel.dataset.sheet = stop;
+    handle.setAttribute("aria-expanded", String(stop !== "low"));
+    byId("sheet-says").textContent = stop === "high" ? "Show less" : "Show more";
+  };
+  set("half");
+  let drag = null;
+  handle.addEventListener("pointerdown", (event) => {
+    drag = { y: event.clientY, stop: STOPS.indexOf(panel.dataset.sheet), moved: false };
+    handle.setPointerCapture(event.pointerId);
+  });
+  handle.addEventListener("pointermove", (event) => {
+    if (!drag) return;
+    const by = drag.y - event.clientY;
+    if (Math.abs(by) > 8) drag.moved = true;
+    panel.style.setProperty("--pulled", `${by}px`);
+  });
+  const drop = (event) => {
+    if (!drag) return;
+    const by = drag.y - event.clientY;
+    panel.style.removeProperty("--pulled");
+    if (drag.moved) set(STOPS[Math.min(2, Math.max(0, drag.stop + Math.sign(by) * (Math.abs(by) > innerHeight * 0.4 ? 2 : 1)))]);
+    handle.dataset.dragged = drag.moved ? "yes" : "";
+    drag = null;
+  };
+  handle.addEventListener("pointerup", drop);
+  handle.addEventListener("pointercancel", drop);
+  handle.addEventListener("click", () => {
+    if (handle.dataset.dragged) {
+      handle.dataset.dragged = "";
+      return;
+    }
+    set({ low: "half", half: "high", high: "low" }[panel.dataset.sheet]);
+  });
+  // Typing needs room.
+  panel.addEventListener("focusin", (event) => {
+    if (event.target.matches("input[role=combobox]") && panel.dataset.sheet === "low") set("half");
+  });
+}

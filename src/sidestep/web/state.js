@@ -1,0 +1,100 @@
+// What is asked for, and the link that holds it. Parts of the page change it and are told of changes.
+
+import { settled } from "./dom.js";
+
+export const TABS = ["routes", "leave", "reach", "walk", "crowds"];
+export const DAYS = ["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"];
+const NAMES = ["Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday"];
+
+export const state = {
+  from: null, // {lon, lat, name}
+  to: null,
+  at: null, // minutes of the week, Monday 0:00 is 0; null: now
+  planners: ["expected", "shortest-path"],
+  walker: "",
+  objective: "",
+  tab: "routes",
+  camera: null, // {zoom, lat, lon}
+};
+
+const listeners = [];
+
+/** Have a function called with the set of names that changed. */
+export const onChange = (listener) => listeners.push(listener);
+
+/** Change some of what is asked for. */
+export function change(changes) {
+  const changed = new Set(Object.keys(changes).filter((name) => !same(state[name], changes[name])));
+  Object.assign(state, changes);
+  if (changed.size === 0) return;
+  for (const listener of listeners) listener(changed);
+  remember();
+}
+
+const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
+
+const two = (number) => String(number).padStart(2, "0");
+
+/** A time of the week as the server reads it: "Sat 17:30". */
+export const asked = (minutes) =>
+  minutes === null ? null : `${DAYS[Math.floor(minutes / 1440) % 7]} ${clock(minutes)}`;
+
+/** Hours and minutes. */
+export const clock = (minutes) => `${two(Math.floor((minutes % 1440) / 60))}:${two(Math.floor(minutes % 60))}`;
+
+/** The name of the day of a time of the week. */
+export const dayName = (minutes) => NAMES[Math.floor(minutes / 1440) % 7];
+
+export const WEEK = 7 * 1440;
+
+function readTime(text) {
+  const found = /^(Mon|Tue|Wed|Thu|Fri|Sat|Sun)[ +-]([01]\d|2[0-3]):([0-5]\d)$/.exec(text ?? "");
+  return found ? DAYS.indexOf(found[1]) * 1440 + 60 * Number(found[2]) + Number(found[3]) : null;
+}
+
+/** A place that is written as longitude and latitude, or null. */
+function readPlace(text) {
+  const parts = (text ?? "").split(",").map(Number);
+  if (parts.length !== 2 || !parts.every(Number.isFinite)) return null;
+  const [lon, lat] = parts;
+  return Math.abs(lon) <= 180 && Math.abs(lat) <= 90 ? { lon, lat, name: "" } : null;
+}
+
+/** Read the link; what it does not hold, or holds wrongly, stays as it is by default. */
+export function readLink(hash) {
+  const link = new URLSearchParams(hash.replace(/^#/, ""));
+  const [zoom, lat, lon] = (link.get("map") ?? "").split("/").map(Number);
+  const planners = (link.get("planners") ?? "").split(",").filter((name) => /^[\w:.-]{1,60}$/.test(name));
+  const word = (name) => (/^[\w=., -]{1,60}$/.test(link.get(name) ?? "") ? link.get(name) : "");
+  return {
+    from: readPlace(link.get("from")),
+    to: readPlace(link.get("to")),
+    at: readTime(link.get("at")),
+    planners: planners.length > 0 ? planners.slice(0, 8) : state.planners,
+    walker: word("walker"),
+    objective: word("objective"),
+    tab: TABS.includes(link.get("tab")) ? link.get("tab") : "routes",
+    camera: [zoom, lat, lon].every(Number.isFinite) && link.has("map") ? { zoom, lat, lon } : null,
+  };
+}
+
+/** The link of what is shown. */
+export function writeLink() {
+  const place = (end) => (end === null ? "" : `${end.lon.toFixed(6)},${end.lat.toFixed(6)}`);
+  const said = {
+    from: place(state.from),
+    to: place(state.to),
+    at: asked(state.at)?.replace(" ", "-") ?? "",
+    planners: state.planners.join(","),
+    walker: state.walker,
+    objective: state.objective,
+    tab: state.tab,
+    map: state.camera
+      ? `${state.camera.zoom.toFixed(2)}/${state.camera.lat.toFixed(5)}/${state.camera.lon.toFixed(5)}`
+      : "",
+  };
+  const pairs = Object.entries(said).filter(([, value]) => value !== "");
+  return `#${pairs.map(([name, value]) => `${name}=${encodeURIComponent(value).replace(/%2C|%2F|%3A/g, decodeURIComponent)}`).join("&")}`;
+}
+
+const remember = settled(250, () => history.replaceState(null, "", writeLink()));

@@ -1,0 +1,146 @@
+// The chosen time: slider, day, play, now; and the server's clock.
+
+import { get } from "./api.js";
+import { fetchAhead, fetchDay, onCrowds, shapeOfDay, shown } from "./crowds.js";
+import { byId, calm, draw, make, settled } from "./dom.js";
+import { change, clock, dayName, DAYS, onChange, state, WEEK } from "./state.js";
+
+const STEP = 15;
+let reading = { minutes: 720, date: null, speed: 1, at: performance.now(), simulated: false };
+let playing = 0;
+
+/** Minutes of the week by the server's clock. */
+export const now = () => (reading.minutes + ((performance.now() - reading.at) / 60000) * reading.speed) % WEEK;
+
+/** The chosen time, minutes of the week. */
+export const chosen = () => state.at ?? now();
+
+/** A local time of the server after some seconds of walking, as it writes times. */
+export function localTime(minutesOfWeek, seconds) {
+  const date = new Date(reading.date ?? Date.UTC(2001, 0, 1));
+  const shift = minutesOfWeek - reading.minutes;
+  date.setTime(date.getTime() + Math.round((shift + (shift < 0 && state.at !== null ? WEEK : 0)) * 60000 + seconds * 1000));
+  return date.toISOString().slice(0, 19);
+}
+
+/** Take over what the server says about its clock. */
+export function setClock(said) {
+  const found = /^(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d)(?::(\d\d))?/.exec(said.now ?? "");
+  if (!found) return;
+  const [year, month, day, hour, minute, second] = found.slice(1).map((part) => Number(part ?? 0));
+  const date = Date.UTC(year, month - 1, day, hour, minute, second);
+  const weekday = (new Date(date).getUTCDay() + 6) % 7;
+  reading = {
+    minutes: weekday * 1440 + hour * 60 + minute + second / 60,
+    date,
+    speed: said.speed ?? 1,
+    at: performance.now(),
+    simulated: said.simulated === true,
+  };
+  showTime();
+}
+
+function showTime() {
+  const at = chosen();
+  const slider = byId("slider");
+  const words = `${dayName(at)} ${clock(at)}`;
+  slider.value = String(Math.min(Math.floor((at % 1440) / STEP) * STEP, 1425));
+  slider.setAttribute("aria-valuetext", words);
+  slider.style.setProperty("--part", `${((at % 1440) / 1440) * 100}%`);
+  byId("day").value = String(Math.floor(at / 1440) % 7);
+  byId("time-shown").textContent = words;
+  byId("now").setAttribute("aria-pressed", String(state.at === null));
+}
+
+function showKind() {
+  const simulated = reading.simulated ? `, clock simulated${reading.speed === 1 ? "" : `, ×${reading.speed}`}` : "";
+  byId("crowds-kind").textContent =
+    (shown?.live ? "going on from live counts" : "expected crowds") + (state.at === null ? simulated : "");
+}
+
+function choose(minutes) {
+  change({ at: Math.round(((minutes % WEEK) + WEEK) % WEEK) });
+}
+
+function stop() {
+  clearInterval(playing);
+  playing = 0;
+  const button = byId("play");
+  button.classList.remove("playing");
+  button.setAttribute("aria-label", "Play the day");
+}
+
+function play() {
+  const button = byId("play");
+  button.classList.add("playing");
+  button.setAttribute("aria-label", "Stop");
+  const day = () => Math.floor(chosen() / 1440) * 1440;
+  playing = setInterval(
+    () => {
+      const next = day() + ((Math.floor((chosen() % 1440) / STEP) * STEP + STEP) % 1440);
+      choose(next);
+      fetchAhead(next);
+    },
+    calm() ? 1000 : 300,
+  );
+}
+
+function showShape(day, metres) {
+  if (day !== Math.floor(chosen() / 1440)) return;
+  const shape = shapeOfDay(day, metres);
+  const most = Math.max(0.05, ...shape.map((share) => share ?? 0));
+  const bars = shape.map((share, hour) =>
+    share === null ? null : draw("rect", { x: hour + 0.12, width: 0.76, y: 1 - share / most, height: share / most, rx: 0.12 }),
+  );
+  byId("day-shape").replaceChildren(...bars.filter((bar) => bar !== null));
+}
+
+/** Begin. */
+export async function startTime(town) {
+  let metres = [];
+  byId("day").append(...DAYS.map((_, day) => make("option", { value: day, text: dayName(day * 1440) })));
+  byId("day-shape").setAttribute("viewBox", "0 0 24 1");
+  byId("slider").addEventListener("input", (event) => {
+    stop();
+    choose(Math.floor(chosen() / 1440) * 1440 + Number(event.target.value));
+  });
+  byId("day").addEventListener("change", (event) => choose(Number(event.target.value) * 1440 + (Math.floor(chosen() / STEP) * STEP % 1440)));
+  byId("now").addEventListener("click", () => {
+    stop();
+    change({ at: null });
+  });
+  byId("play").addEventListener("click", () => (playing ? stop() : play()));
+  const words = town.crowding.map((each, turn) => {
+    const before = turn === 0 ? 0 : town.crowding[turn - 1].limit;
+    const range = Number.isFinite(each.limit) ? `${before}–${each.limit}` : `${before} or more`;
+    return make("li", {}, make("span", { class: `swatch crowd-${turn}` }), make("b", { text: each.word }), ` ${range}`);
+  });
+  byId("legend").append(...words, make("li", { class: "unit", text: "persons/m²" }));
+  let day = -1;
+  const another = settled(150, () => fetchDay(day));
+  const look = () => {
+    showTime();
+    showKind();
+    if (day !== Math.floor(chosen() / 1440)) {
+      day = Math.floor(chosen() / 1440);
+      showShape(day, metres);
+      another();
+    }
+  };
+  onChange((changed) => changed.has("at") && look());
+  onCrowds("crowds", showKind);
+  onCrowds("day", (of) => showShape(of, metres));
+  try {
+    setClock(await get("clock"));
+  } catch {
+    showTime(); // the time is then noon, and can be chosen
+  }
+  look();
+  setInterval(() => state.at === null && look(), 1000);
+  return {
+    withStreets(lengths) {
+      metres = lengths;
+      showShape(day, metres);
+    },
+  };
+}
