@@ -15,6 +15,13 @@ let by = "";
 
 const round = (value) => (Math.round(value * 10) / 10).toFixed(1);
 
+/** The first time after a departure at which it is as late as asked for. */
+function deadline(first) {
+  const [hours, minutes] = by.split(":").map(Number);
+  const sameDay = Math.floor(first / 1440) * 1440 + 60 * hours + minutes;
+  return asked((sameDay > first ? sameDay : sameDay + 1440) % WEEK);
+}
+
 /** A time of the week some minutes after the first departure. */
 const leaving = (first, departure) => (((first + departure.departure_minutes) % WEEK) + WEEK) % WEEK;
 
@@ -60,10 +67,10 @@ function chart(found, first) {
 }
 
 function table(found, first) {
-  const sure = found.departures.some((row) => Number.isFinite(row.on_time));
+  const sure = found.departures.some((row) => Number.isFinite(row.on_time)) && by !== "";
   return make("table", { class: "departures" },
     make("caption", { class: "hidden", text: "Minutes of walking by departure" }),
-    make("thead", {}, make("tr", {}, ...["Leave", "half within", "9 in 10 within", ...(sure ? [`within ${by} min`] : [])].map((text) => make("th", { scope: "col", text })))),
+    make("thead", {}, make("tr", {}, ...["Leave", "half within", "9 in 10 within", ...(sure ? [`there by ${by}`] : [])].map((text) => make("th", { scope: "col", text })))),
     make("tbody", {}, ...found.departures.map((row) =>
       make("tr", { class: row.departure_minutes === found.best.departure_minutes ? "picked" : null },
         make("th", { scope: "row" }, make("button", { type: "button", class: "link", text: clock(leaving(first, row)), "aria-label": `Leave at ${clock(leaving(first, row))}`, onclick: () => change({ at: Math.round(leaving(first, row)) }) })),
@@ -104,7 +111,7 @@ const find = settled(150, async () => {
   const first = inside ? shown.first : Math.floor(chosen() / 5) * 5;
   const query = {
     origin: lonLat(state.from), destination: lonLat(state.to), depart_at: asked(first), until: asked((first + minutes) % WEEK),
-    step, futures: FUTURES, by, walker: state.walker, planner: state.planners[0] === "shortest-path" ? "shortest-path" : "expected",
+    step, futures: FUTURES, arrive_by: by && deadline(first), walker: state.walker, planner: state.planners[0] === "shortest-path" ? "shortest-path" : "expected",
   };
   if (wanted === JSON.stringify(query)) return;
   wanted = JSON.stringify(query);
@@ -137,7 +144,7 @@ export function startLeave() {
     shown = null;
     find();
   });
-  const within = make("input", { id: "leave-by", type: "number", min: 1, max: 600, inputmode: "numeric", placeholder: "min" });
+  const within = make("input", { id: "leave-by", type: "time" });
   within.addEventListener("change", () => {
     by = within.value;
     find();
@@ -145,7 +152,7 @@ export function startLeave() {
   byId("panel-leave").append(
     make("div", { class: "choices" },
       make("div", { class: "choice" }, make("label", { for: "leave-window", text: "Departures of" }), windows),
-      make("div", { class: "choice narrow" }, make("label", { for: "leave-by", text: "Chance to arrive within" }), within)),
+      make("div", { class: "choice" }, make("label", { for: "leave-by", text: "To be there by" }), within)),
     make("div", { id: "leave-found" }));
   onChange((changed) => {
     if (["from", "to"].some((name) => changed.has(name))) shown = null;

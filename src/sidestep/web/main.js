@@ -62,6 +62,7 @@ function startButtons() {
 
 function showTown(town) {
   byId("town").textContent = town.name;
+  byId("town").title = town.summary ?? "";
   document.title = `Sidestep: ${town.name}`;
   byId("attribution").textContent = `Streets: ${town.attribution}. Crowds: ${town.crowds}.`;
   byId("synthetic").textContent = `Synthetic: ${town.synthetic}.`;
@@ -83,6 +84,7 @@ async function start() {
     complain("town", error.message);
     return;
   }
+  town.name ??= town.scenario.charAt(0).toUpperCase() + town.scenario.slice(1);
   showTown(town);
   startCrowds(town);
   const time = await startTime(town);
@@ -99,11 +101,11 @@ async function start() {
   }
   const metres = [];
   for (const { properties } of streets.features) metres[properties.street] = properties.metres;
-  time.withStreets(metres);
   startCounts(town, streets.features, replan);
   showCrowds();
   addEventListener("hashchange", () => change(readLink(location.hash)));
   await startMap(town, streets);
+  time.withStreets(metres);
   // For programs that look at the page: tests, the console.
   globalThis.sidestep = { map, state };
 }

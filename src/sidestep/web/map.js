@@ -4,10 +4,11 @@
 import { DASHES, onTheme, palette } from "./colours.js";
 import { crowding, onCrowds, shown } from "./crowds.js";
 import { byId, calm, make } from "./dom.js";
+import { namedLines } from "./names.js";
 import { change, onChange, state } from "./state.js";
 
 const EMPTY = { type: "FeatureCollection", features: [] };
-const SOURCES = ["reach", "routes", "walk", "sensors"];
+const SOURCES = ["reach", "routes", "walk", "sensors", "names"];
 
 let gl = null; // the library
 export let map = null;
@@ -26,8 +27,8 @@ const CROWD = ["coalesce", ["feature-state", "crowd"], 0];
 const STYLE = ["%", ["get", "style"], DASHES.length];
 
 const widths = (base) => {
-  const wide = (factor) => ["*", factor, oneOf(CROWD, [1, 1.6, 2.3, 3])];
-  return ["interpolate", ["exponential", 1.5], ["zoom"], 12, wide(base * 0.55), 15, wide(base * 1.25), 18, wide(base * 4)];
+  const wide = (factor) => ["*", factor, oneOf(CROWD, [0.8, 1.15, 1.6, 2.1])];
+  return ["interpolate", ["exponential", 1.5], ["zoom"], 12, wide(base * 0.4), 14, wide(base * 0.75), 16, wide(base * 1.7), 19, wide(base * 6)];
 };
 
 const crowdColour = () => oneOf(CROWD, palette().crowds);
@@ -58,13 +59,13 @@ function style() {
       { id: "walk-casing", type: "line", source: "walk", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": colours.casing, "line-width": 9 } },
       { id: "walk", type: "line", source: "walk", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": ["match", ["get", "part"], "walked", colours.walked, "dropped", colours.walked, colours.routes[0]], "line-width": ["match", ["get", "part"], "dropped", 2.5, 5.5], "line-opacity": ["match", ["get", "part"], "dropped", 0.8, 1] } },
       {
-        id: "names", type: "symbol", source: "streets", minzoom: 13.5, filter: ["!=", ["get", "name"], ""],
+        id: "names", type: "symbol", source: "names", minzoom: 13,
         layout: {
-          "symbol-placement": "line", "symbol-spacing": 320, "text-field": ["get", "name"], "text-font": ["system-ui"],
-          "text-size": ["interpolate", ["linear"], ["zoom"], 13.5, 10, 17, 14], "text-padding": 6, "text-max-angle": 35,
+          "symbol-placement": "line", "symbol-spacing": 340, "text-field": ["get", "name"], "text-font": ["system-ui"],
+          "text-size": ["interpolate", ["linear"], ["zoom"], 13, 10.5, 17, 14], "text-padding": 8, "text-max-angle": 40,
           "symbol-sort-key": ["-", 0, ["get", "metres"]],
         },
-        paint: { "text-color": colours.label, "text-halo-color": colours.halo, "text-halo-width": 1.6 },
+        paint: { "text-color": colours.label, "text-halo-color": colours.halo, "text-halo-width": 1.8 },
       },
       { id: "sensors", type: "circle", source: "sensors", paint: sensorPaint() },
     ],
@@ -120,11 +121,11 @@ export function flash(sensor) {
 
 /** The space that the panel and the bar of time leave free, so that what is shown is not below them. */
 function padding() {
+  const wide = matchMedia("(min-width: 800px)").matches;
   const area = document.querySelector(".map-area").getBoundingClientRect();
-  const space = { top: 40, left: 40, right: 40, bottom: 40 };
+  const space = { top: wide ? 72 : 52, left: 36, right: 36, bottom: wide ? 40 : 24 }; // above, pins need room
   const time = document.querySelector(".time").getBoundingClientRect();
   const panel = byId("panel").getBoundingClientRect();
-  const wide = matchMedia("(min-width: 800px)").matches;
   if (wide) space.bottom += Math.max(0, area.bottom - time.top);
   else {
     space.top += time.bottom;
@@ -290,6 +291,7 @@ function withoutMap(sentence) {
 /** Begin; resolves when the map is drawn, or cannot be. */
 export async function startMap(facts, geometry) {
   [town, streets] = [facts, geometry];
+  data.names = { type: "FeatureCollection", features: namedLines(streets.features) };
   classes = [];
   try {
     gl = await import("./vendor/maplibre-gl.mjs");

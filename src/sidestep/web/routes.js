@@ -1,4 +1,4 @@
-// Routes of several planners beside each other, and other ways of the first.
+// Routes of several planners beside each other, and other ways of the one that searches by expected times.
 
 import { get, lonLat } from "./api.js";
 import { DASHES, palette, onTheme } from "./colours.js";
@@ -6,24 +6,29 @@ import { byId, complain, draw, make, settled } from "./dom.js";
 import { frame, paint } from "./map.js";
 import { asked, change, onChange, state } from "./state.js";
 
+// Those that walkers would use come first; the others are there to compare.
 const SAYS = {
   expected: "least expected time",
-  "shortest-path": "fewest metres, whatever the crowds",
-  "greedy-map": "looks around at every crossing",
-  "greedy-local": "sees its own crossing only",
-  snapshot: "re-plans on the counts as they stand",
-  forecast: "re-plans on forecasts; slow",
-  clairvoyant: "knows the future: a bound",
-  darp: "the trained model",
+  "shortest-path": "fewest metres",
+  darp: "a trained model",
+  "greedy-map": "looks around as it goes",
+  snapshot: "re-plans on counts",
+  forecast: "re-plans on forecasts, slow",
+};
+const OTHERS = {
+  "greedy-local": "sees one crossing",
   "lrta-star": "learns on the way",
+  "random-progress": "fewest streets, any",
   "random-walk": "anywhere",
-  "random-progress": "any path of fewest streets",
 };
 const ALTERNATIVES = 2;
 const LIVE = new Set(["snapshot", "forecast", "darp", "clairvoyant"]);
 
 let town = null;
-let picked = null; // id of the route whose way is described
+let planners = [];
+let more = false; // whether the others are listed, too
+let picked = null; // id of the route whose way is described, by default the first
+let chosen = null; // the one that was clicked
 let asking = null;
 let framed = ""; // ends that were framed
 const found = new Map(); // planner -> {status, routes, error}
@@ -38,7 +43,8 @@ export const minutes = (seconds) => {
 };
 
 const number = (value) => Math.round(value).toLocaleString("en");
-const style = (planner) => Math.max(0, town.planners.indexOf(planner));
+const style = (planner) => Math.max(0, planners.indexOf(planner));
+const says = (planner) => SAYS[planner] ?? OTHERS[planner] ?? "";
 
 /** All routes that are known, those of one planner together. */
 const rows = () =>
@@ -84,22 +90,23 @@ function cells(route, best) {
 function body() {
   const best = Object.fromEntries(["duration", "distance", "people_met"].map((name) => [name, least(name)]));
   const both = state.from !== null && state.to !== null;
-  return town.planners.flatMap((planner) => {
+  const listed = planners.filter((planner) => more || planner in SAYS || state.planners.includes(planner));
+  return listed.flatMap((planner) => {
     const on = state.planners.includes(planner);
     const answer = on && both ? found.get(planner) : null;
     const box = make("input", {
       type: "checkbox", id: `plan-${planner}`, checked: on,
-      onchange: (event) => change({ planners: town.planners.filter((each) => (each === planner ? event.target.checked : state.planners.includes(each))) }),
+      onchange: (event) => change({ planners: planners.filter((each) => (each === planner ? event.target.checked : state.planners.includes(each))) }),
     });
     box.checked = on;
-    const title = make("label", { for: `plan-${planner}` }, box, make("span", { class: "who" }, make("b", { text: planner }), make("small", { text: SAYS[planner] ?? "" })), on ? line(planner) : null);
+    const title = make("label", { for: `plan-${planner}` }, box, make("span", { class: "who" }, make("b", { text: planner }), on ? line(planner) : null, make("small", { text: says(planner) })));
     const pick = (id) => ({ class: id === picked ? "picked" : null, onclick: (event) => event.target.closest("label") || choose(id) });
     const first = answer?.routes?.[0];
     const head = make("tr", first ? pick(`${planner}:0`) : {},
       make("th", { scope: "row" }, title),
       ...(first
         ? cells(first, best)
-        : [make("td", { colspan: 3, class: "note" }, answer?.status === "asking" ? make("span", { class: "busy", text: "planning …" }) : (answer?.error ?? ""))]));
+        : [make("td", { colspan: 3, class: "note" }, answer?.status === "asking" ? make("span", { class: "busy", text: "planning" }) : (answer?.error ?? ""))]));
     const others = (answer?.routes ?? []).slice(1).map((route, turn) =>
       make("tr", { ...pick(`${planner}:${turn + 1}`), },
         make("th", { scope: "row", class: "other" }, make("button", { type: "button", class: "link", text: `Another way, ${turn + 1}`, "aria-pressed": String(`${planner}:${turn + 1}` === picked), onclick: () => choose(`${planner}:${turn + 1}`) })),
@@ -118,6 +125,8 @@ const ARROWS = {
 const arrow = (modifier = "") =>
   modifier.includes("uturn") ? ARROWS.uturn : modifier.includes("left") ? ARROWS.left : modifier.includes("right") ? ARROWS.right : ARROWS.straight;
 
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
 const COMPASS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];
 
 /** A turn in words. */
@@ -125,6 +134,7 @@ export function turnWords(step) {
   const { type = "", modifier = "", bearing_after: bearing = 0 } = step.maneuver ?? {};
   const into = step.name ? ` ${type === "depart" ? "on" : "into"} ${step.name}` : "";
   if (type === "arrive") return "Arrive";
+  if (!step.name && step.maneuver?.instruction) return capital(step.maneuver.instruction);
   if (type === "depart") return `Head ${COMPASS[Math.round(bearing / 45) % 8]}${into}`;
   if (modifier.includes("uturn")) return `Turn round${into}`;
   if (modifier.includes("slight")) return `Bear ${modifier.replace("slight ", "")}${into}`;
@@ -153,18 +163,28 @@ function directions() {
 
 let head = null;
 
+function summary() {
+  const row = pickedRoute();
+  const sure = row && Number.isFinite(row.route.p90) ? `, 9 in 10 within ${minutes(row.route.p90)}` : "";
+  byId("summary").replaceChildren(...(row ? [make("b", { text: `${minutes(row.route.duration)} min` }), `, ${number(row.route.distance)} m${sure}`] : []));
+  byId("summary").hidden = !row || !state.from || !state.to;
+}
+
 function show() {
   const focus = document.activeElement?.id;
+  const all = rows();
+  picked = (all.find((row) => row.id === chosen) ?? all[0])?.id ?? null;
   byId("routes-body").replaceChildren(...body());
   if (focus?.startsWith("plan-")) byId(focus)?.focus();
   byId("routes-none").hidden = state.from !== null && state.to !== null;
   head.hidden = false;
   paintRoutes();
   directions();
+  summary();
 }
 
 function choose(id) {
-  picked = id;
+  chosen = id;
   show();
 }
 
@@ -174,30 +194,37 @@ const rest = (milliseconds, signal) =>
     signal.addEventListener("abort", () => stop(new DOMException("", "AbortError")));
   });
 
+/** Show all of the routes: of a link closely, of ends on the map only where they are out of sight. */
+function frameRoutes() {
+  const ends = `${lonLat(state.from)};${lonLat(state.to)}`;
+  const asking = state.planners.some((planner) => found.get(planner)?.status === "asking" && !LIVE.has(planner));
+  if (asking || framed === ends) return;
+  frame(rows().flatMap(({ route }) => route.geometry.coordinates), { keep: framed !== "" || state.camera !== null });
+  framed = ends;
+}
+
 async function ask(planner, signal) {
-  const query = {
-    ...circumstances(), planner, overview: "full", geometries: "geojson", steps: "true",
-    alternatives: planner === "expected" ? ALTERNATIVES : "false",
-  };
+  const query = { ...circumstances(), planner, overview: "full", geometries: "geojson", steps: "true" };
   const path = `route/v1/foot/${lonLat(state.from)};${lonLat(state.to)}`;
-  try {
-    const answer = await get(path, query, signal);
+  const take = (answer) => {
     found.set(planner, { status: "found", routes: answer.routes, error: null });
     complain(`route ${planner}`, null);
-    if (!rows().some((row) => row.id === picked)) picked = rows()[0]?.id ?? null;
     show();
-    // How reliable it is takes simulated futures, so it is asked for when the route is there and the slider rests.
+  };
+  try {
+    take(await get(path, query, signal));
+    frameRoutes();
+    // Other ways, and how reliable it is, take longer: they are asked for when the route is there and the slider rests.
     await rest(500, signal);
-    const sure = await get(path, { ...query, alternatives: "false", steps: "false", overview: "false", futures: LIVE.has(planner) ? 10 : 100 }, signal);
-    Object.assign(found.get(planner).routes[0], { p50: sure.routes[0].p50, p90: sure.routes[0].p90 });
+    take(await get(path, { ...query, alternatives: planner === "expected" ? ALTERNATIVES : "false", futures: LIVE.has(planner) ? 10 : 100 }, signal));
   } catch (error) {
     if (error.name === "AbortError") return;
     if (found.get(planner)?.status !== "found") {
       found.set(planner, { status: "refused", routes: [], error: "no route" });
       complain(`route ${planner}`, error.message);
+      show();
     }
   }
-  show();
 }
 
 /** The route that is described, or the first. */
@@ -206,7 +233,7 @@ export const pickedRoute = () => rows().find((row) => row.id === picked) ?? rows
 const plan = settled(40, async () => {
   asking?.abort();
   asking = new AbortController();
-  for (const planner of town.planners) complain(`route ${planner}`, null);
+  for (const planner of planners) complain(`route ${planner}`, null);
   if (state.from === null || state.to === null) {
     found.clear();
     show();
@@ -218,12 +245,7 @@ const plan = settled(40, async () => {
     found.set(planner, { status: "asking", routes: before?.routes ?? [], error: null });
   }
   show();
-  const ends = `${lonLat(state.from)};${lonLat(state.to)}`;
   await Promise.all(state.planners.map((planner) => ask(planner, signal)));
-  if (framed !== ends && !signal.aborted) {
-    frame(rows().flatMap(({ route }) => route.geometry.coordinates), { keep: true });
-    framed = ends;
-  }
 });
 
 /** Ask for the routes anew: crowds have changed. */
@@ -241,8 +263,11 @@ function choice(id, label, options, name) {
 /** Begin. */
 export function startRoutes(facts) {
   town = facts;
-  const known = state.planners.filter((planner) => town.planners.includes(planner));
-  change({ planners: known.length > 0 ? known : town.planners.slice(0, 1) });
+  const order = [...Object.keys(SAYS), ...Object.keys(OTHERS)];
+  planners = [...order.filter((planner) => town.planners.includes(planner)), ...town.planners.filter((planner) => !order.includes(planner))];
+  planners = [...new Set(planners)];
+  const known = planners.filter((planner) => state.planners.includes(planner));
+  change({ planners: known.length > 0 ? known : planners.slice(0, 1) });
   head = make("table", { class: "planners" },
     make("caption", { class: "hidden", text: "Routes of several planners" }),
     make("thead", {}, make("tr", {}, make("th", { scope: "col", text: "Planner" }), make("th", { scope: "col", text: "min" }), make("th", { scope: "col", text: "metres" }),
@@ -251,6 +276,14 @@ export function startRoutes(facts) {
   byId("panel-routes").append(
     make("p", { id: "routes-none", class: "note", text: "Choose both ends: type a street, or click the map twice." }),
     head,
+    planners.some((planner) => !(planner in SAYS))
+      ? make("button", { type: "button", class: "link", id: "more-planners", "aria-expanded": "false", text: "More planners", onclick: (event) => {
+        more = !more;
+        event.target.textContent = more ? "Fewer planners" : "More planners";
+        event.target.setAttribute("aria-expanded", String(more));
+        show();
+      } })
+      : "",
     make("div", { class: "choices" }, choice("walker", "Walker", town.walkers, "walker"), choice("objective", "Prefer", town.objectives, "objective")),
     make("div", { id: "directions" }));
   onTheme(show);

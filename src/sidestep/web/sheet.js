@@ -10,10 +10,11 @@ export function startSheet() {
   const panel = byId("panel");
   const set = (stop) => {
     panel.dataset.sheet = stop;
+    document.documentElement.dataset.sheet = stop;
     handle.setAttribute("aria-expanded", String(stop !== "low"));
     byId("sheet-says").textContent = stop === "high" ? "Show less" : "Show more";
   };
-  set("half");
+  set("low");
   let drag = null;
   handle.addEventListener("pointerdown", (event) => {
     drag = { y: event.clientY, stop: STOPS.indexOf(panel.dataset.sheet), moved: false };
@@ -42,8 +43,8 @@ export function startSheet() {
     }
     set({ low: "half", half: "high", high: "low" }[panel.dataset.sheet]);
   });
-  // Typing needs room.
-  panel.addEventListener("focusin", (event) => {
-    if (event.target.matches("input[role=combobox]") && panel.dataset.sheet === "low") set("half");
-  });
+  // Typing and reading need room.
+  const rise = () => panel.dataset.sheet === "low" && set("half");
+  panel.addEventListener("focusin", (event) => event.target.matches("input[role=combobox]") && rise());
+  panel.addEventListener("click", (event) => event.target.matches("[role=tab], #summary") && rise());
 }

@@ -44,11 +44,12 @@ function showTime() {
   const at = chosen();
   const slider = byId("slider");
   const words = `${dayName(at)} ${clock(at)}`;
+  const parts = [make("span", { class: "of-day", text: `${dayName(at)} ` }), clock(at)];
   slider.value = String(Math.min(Math.floor((at % 1440) / STEP) * STEP, 1425));
   slider.setAttribute("aria-valuetext", words);
   slider.style.setProperty("--part", `${((at % 1440) / 1440) * 100}%`);
   byId("day").value = String(Math.floor(at / 1440) % 7);
-  byId("time-shown").textContent = words;
+  if (byId("time-shown").textContent !== words) byId("time-shown").replaceChildren(...parts);
   byId("now").setAttribute("aria-pressed", String(state.at === null));
 }
 
@@ -112,11 +113,12 @@ export async function startTime(town) {
   byId("play").addEventListener("click", () => (playing ? stop() : play()));
   const words = town.crowding.map((each, turn) => {
     const before = turn === 0 ? 0 : town.crowding[turn - 1].limit;
-    const range = Number.isFinite(each.limit) ? `${before}–${each.limit}` : `${before} or more`;
-    return make("li", {}, make("span", { class: `swatch crowd-${turn}` }), make("b", { text: each.word }), ` ${range}`);
+    const range = Number.isFinite(each.limit) ? `${before}–${each.limit}` : `${before}+`;
+    return make("li", {}, make("span", { class: `swatch crowd-${turn}` }), make("b", { text: each.word }), make("span", { class: "range", text: ` ${range}${turn === town.crowding.length - 1 ? " persons/m²" : ""}` }));
   });
-  byId("legend").append(...words, make("li", { class: "unit", text: "persons/m²" }));
+  byId("legend").append(...words);
   let day = -1;
+  let ready = false;
   const another = settled(150, () => fetchDay(day));
   const look = () => {
     showTime();
@@ -124,7 +126,7 @@ export async function startTime(town) {
     if (day !== Math.floor(chosen() / 1440)) {
       day = Math.floor(chosen() / 1440);
       showShape(day, metres);
-      another();
+      if (ready) another();
     }
   };
   onChange((changed) => changed.has("at") && look());
@@ -138,9 +140,11 @@ export async function startTime(town) {
   look();
   setInterval(() => state.at === null && look(), 1000);
   return {
+    /** The rest of the day is fetched when all that is seen first is there. */
     withStreets(lengths) {
       metres = lengths;
-      showShape(day, metres);
+      ready = true;
+      another();
     },
   };
 }
