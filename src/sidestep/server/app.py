@@ -20,7 +20,15 @@ from starlette.responses import Response
 
 from sidestep import __version__
 from sidestep.errors import SidestepError
-from sidestep.server import clock_paths, count_paths, crowd_paths, operation_paths, osrm_paths, walk_paths
+from sidestep.server import (
+    clock_paths,
+    count_paths,
+    crowd_paths,
+    operation_paths,
+    osrm_paths,
+    page_paths,
+    walk_paths,
+)
 from sidestep.server.bus import Bus
 from sidestep.server.guard import Guard
 from sidestep.server.problems import JsonResponse, ProblemError, on_error, on_validation, refused
@@ -90,7 +98,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
     app.add_exception_handler(SidestepError, on_error)
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(HTTPException, _on_http)
-    for paths in (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths):
+    for paths in (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths, page_paths):
         app.include_router(paths.router)
     if chosen.origins:
         app.add_middleware(CORSMiddleware, **_CORS, allow_origins=chosen.origins)

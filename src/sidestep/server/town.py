@@ -503,7 +503,7 @@ class ServedTown:
 
     async def stored(self, answer: Callable[[], T]) -> T:
         """Ask the store in a thread, since it may have to wait for a disk or a network."""
-        return await anyio.to_thread.run_sync(answer)
+        return await asyncio.to_thread(answer)
 
     async def heavily(self, answer: Callable[[], T]) -> T:
         """Answer a question that takes long in a thread, a few at a time.

@@ -6,7 +6,7 @@ import { startCounts } from "./counts.js";
 import { showCrowds, startCrowds } from "./crowds.js";
 import { byId, complain, forgive, toast } from "./dom.js";
 import { startLeave } from "./leave.js";
-import { map, startMap } from "./map.js";
+import { loadMap, map, startMap } from "./map.js";
 import { startPlaces } from "./places.js";
 import { startReach } from "./reach.js";
 import { replan, startRoutes } from "./routes.js";
@@ -75,8 +75,9 @@ async function start() {
   startTabs();
   startButtons();
   startSheet();
-  const geometry = get("streets");
-  geometry.catch(() => {});
+  performance.mark("asked");
+  const [geometry, library] = [get("streets"), loadMap()];
+  for (const coming of [geometry, library]) coming.catch(() => {}); // said where they are awaited
   let town;
   try {
     town = await get("town");
@@ -93,6 +94,7 @@ async function start() {
   startLeave();
   startReach();
   startWalk(town);
+  performance.mark("usable");
   let streets = { type: "FeatureCollection", features: [] };
   try {
     streets = await geometry;
@@ -104,7 +106,8 @@ async function start() {
   startCounts(town, streets.features, replan);
   showCrowds();
   addEventListener("hashchange", () => change(readLink(location.hash)));
-  await startMap(town, streets);
+  await startMap(town, streets, library);
+  performance.mark("drawn");
   time.withStreets(metres);
   // For programs that look at the page: tests, the console.
   globalThis.sidestep = { map, state };

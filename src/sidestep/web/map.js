@@ -288,13 +288,20 @@ function withoutMap(sentence) {
   document.documentElement.dataset.map = "none";
 }
 
+/** Load the library, and have it start its workers while the rest of the page is on its way. */
+export async function loadMap() {
+  const library = await import("./vendor/maplibre-gl.mjs");
+  library.prewarm();
+  return library;
+}
+
 /** Begin; resolves when the map is drawn, or cannot be. */
-export async function startMap(facts, geometry) {
+export async function startMap(facts, geometry, library) {
   [town, streets] = [facts, geometry];
   data.names = { type: "FeatureCollection", features: namedLines(streets.features) };
   classes = [];
   try {
-    gl = await import("./vendor/maplibre-gl.mjs");
+    gl = await library;
   } catch {
     withoutMap("The files of the map are missing here; in a checkout of Sidestep, make page fetches them. Everything else on this page works without them.");
     return;

@@ -1,0 +1,270 @@
+"""The map page as people use it: with a mouse, with the keyboard alone, on a phone, in the dark."""
+
+import math
+import re
+from io import BytesIO
+
+import pytest
+from PIL import Image
+from playwright.sync_api import expect
+
+FROM, TO = "24.941400,60.171900", "24.948000,60.165500"
+ROUTE = f"#from={FROM}&to={TO}&at=Sat-17:30"
+TABS = ("routes", "leave", "reach", "walk", "crowds")
+BOTH = pytest.mark.parametrize("size", ["desktop", "phone"])
+
+
+def click_map(view, share_x: float, share_y: float) -> None:
+    """Click a point of the map that neither the panel nor the bar of time covers."""
+    box = view.get(
+        "() => { const of = (it) => document.querySelector(it).getBoundingClientRect(); const [map, time, panel] ="
+        "[of('#map'), of('.time'), of('#panel')]; const wide = innerWidth >= 800; return { left: map.left, right: map.right,"
+        "top: wide ? map.top : time.bottom, bottom: wide ? time.top : panel.top }; }"
+    )
+    x = box["left"] + share_x * (box["right"] - box["left"])
+    y = box["top"] + share_y * (box["bottom"] - box["top"])
+    view.page.mouse.click(x, y)
+
+
+def drawn(view, layer: str) -> list[dict]:
+    """What a layer of the map shows."""
+    return view.get(
+        "(layer) => sidestep.map.getLayer(layer) === undefined ? [] : "
+        "sidestep.map.queryRenderedFeatures({ layers: [layer] }).map(({ properties }) => properties)",
+        layer,
+    )
+
+
+def first_row(view):
+    return view.page.locator("#routes-body tr").first
+
+
+@BOTH
+def test_two_clicks_on_the_map_draw_routes_of_several_planners(opened, size):
+    view = opened(size).open("#at=Sat-17:30")
+    expect(view.page.locator("#hint")).to_have_text("Click the map where the walk begins")
+    click_map(view, 0.45, 0.35)
+    expect(view.page.locator("#hint")).to_have_text("Now click where it ends")
+    click_map(view, 0.55, 0.65)
+    view.until(lambda: {each["planner"] for each in drawn(view, "routes")} >= {"expected", "shortest-path"})
+    if size == "phone":
+        expect(view.page.locator("#summary")).to_contain_text("min")
+    view.page.click("#tab-routes")
+    expect(first_row(view)).to_contain_text(re.compile(r"expected.*\d+.*\d"))
+    view.until(lambda: "from=24." in view.page.url and "to=24." in view.page.url)
+    minutes, _, people = (float(re.split(r"[^\d.]", cell.replace(",", ""))[0]) for cell in first_row(view).locator("td").all_inner_texts())
+    assert 1 < minutes < 60 < people
+
+
+@BOTH
+def test_the_slider_changes_the_colours_of_streets(opened, size):
+    view = opened(size).open("#at=Sat-04:00")
+    view.until(lambda: 0 < sum(view.classes()) < 1000)
+    before, shown = view.classes(), view.page.screenshot()
+    view.page.locator("#slider").fill("1050")
+    expect(view.page.locator("#time-shown")).to_have_text("Saturday 17:30")
+    view.until(lambda: view.classes().count(3) > 100)
+    changed = sum(one != other for one, other in zip(before, view.classes(), strict=True))
+    assert changed > 1000
+
+    def jammed(picture: bytes) -> int:
+        pixels = Image.open(BytesIO(picture)).convert("RGB").get_flattened_data()
+        return sum(math.dist(pixel, (0x7A, 0x10, 0x38)) < 12 for pixel in pixels)
+
+    view.page.wait_for_timeout(500)
+    legend = jammed(shown)
+    assert jammed(view.page.screenshot()) > 2 * legend + 200
+
+
+def test_playing_goes_through_the_day_and_stops(opened):
+    view = opened(reduced_motion="reduce").open("#at=Sat-16:30")
+    view.page.click("#play")
+    expect(view.page.locator("#play")).to_have_attribute("aria-label", "Stop")
+    expect(view.page.locator("#time-shown")).to_have_text("Saturday 17:00", timeout=8000)
+    view.page.click("#play")
+    expect(view.page.locator("#play")).to_have_attribute("aria-label", "Play the day")
+
+
+def test_planners_alternatives_and_directions(opened):
+    view = opened().open(ROUTE)
+    rows = view.page.locator("#routes-body tr")
+    expect(rows.filter(has_text="Another way").first).to_be_visible(timeout=20000)
+    expect(rows.filter(has_text="9 in 10").first).to_be_visible()
+    view.page.get_by_label("greedy-map").check()
+    view.until(lambda: "greedy-map" in {each["planner"] for each in drawn(view, "routes")}, 30)
+    rows.filter(has_text="Another way").get_by_role("button").first.click()
+    expect(view.page.locator("#directions h2")).to_contain_text("another way 1")
+    expect(view.page.locator("#directions li").last).to_contain_text("Arrive")
+    view.page.get_by_label("shortest-path").uncheck()
+    view.until(lambda: "shortest-path" not in {each["planner"] for each in drawn(view, "routes")})
+    view.until(lambda: "planners=expected,greedy-map" in view.page.url)
+
+
+def test_the_best_time_to_leave(opened):
+    view = opened().open(f"{ROUTE}&tab=leave")
+    expect(view.page.locator(".curve")).to_be_visible(timeout=40000)
+    expect(view.page.locator("#leave-found .finding")).to_contain_text("nine walks in ten")
+    view.page.get_by_text("As a table").click()
+    rows = view.page.locator(".departures tbody tr")
+    assert rows.count() == 13
+    rows.nth(6).get_by_role("button").click()
+    expect(view.page.locator("#time-shown")).to_have_text("Saturday 18:30")
+    view.page.fill("#leave-by", "19:00")
+    expect(view.page.locator(".departures thead")).to_contain_text("there by 19:00", timeout=20000)
+
+
+def test_how_far_one_gets(opened):
+    view = opened().open(f"#from={FROM}&at=Sat-17:30&tab=reach")
+    expect(view.page.locator("#reach-found tbody tr")).to_have_count(3, timeout=20000)
+    view.until(lambda: {each["minutes"] for each in drawn(view, "reach-area")} == {5, 10, 15})
+    view.page.click("#tab-routes")
+    view.until(lambda: drawn(view, "reach-area") == [])
+
+
+def test_a_walk_is_played_and_planned_anew(opened):
+    view = opened(reduced_motion="reduce").open(f"{ROUTE}&tab=walk")
+    view.page.select_option("#walk-speed", "120")
+    view.page.click("#walk-start")
+    log = view.page.locator("#walk-log li")
+    expect(log.nth(3)).to_be_visible(timeout=30000)
+    for _ in range(8):  # crowds on streets without another way change nothing
+        if view.page.locator("#walk-log .changed").count():
+            break
+        view.page.locator("#walk-crowd").click()
+        view.until(lambda: view.page.locator("#walk-crowd").get_attribute("aria-pressed") == "false")
+    expect(view.page.locator("#walk-log .changed").first).to_contain_text("The plan changed.")
+    view.until(lambda: "walked" in {each["part"] for each in drawn(view, "walk")})
+    expect(view.page.locator("#walk-log .arrived")).to_be_visible(timeout=40000)
+    expect(view.page.locator("#walk-says")).to_contain_text("Arrived at")
+
+
+@BOTH
+def test_a_posted_count_appears_and_changes_streets(opened, server, size):
+    view = opened(size).open("#tab=crowds")
+    expect(view.page.locator("#wire")).to_have_text("live")
+    sensors = server.ask("/sensors")["features"]
+    name = sensors[0 if size == "desktop" else 1]["properties"]["sensor"]
+    view.until(lambda: len(view.classes()) > 0)
+    before, now = view.classes(), server.ask("/clock")["now"]
+    server.send("/counts", {"sensor": name, "time": now, "count": 60000 if size == "desktop" else 30000})
+    expect(view.page.locator(".toast")).to_contain_text(name)
+    view.until(lambda: view.classes() != before)
+    expect(view.page.locator("#crowds-kind")).to_contain_text("live")
+    row = view.page.locator("#sensors-body tr").filter(has_text=name)
+    expect(row.locator("td").first).to_have_text("60,000" if size == "desktop" else "30,000")
+
+
+def test_a_route_with_the_keyboard_alone(opened):
+    view = opened().open("#at=Sat-17:30")
+    keyboard = view.page.keyboard
+    keyboard.press("Tab")
+    expect(view.page.locator(".skip")).to_be_focused()
+    keyboard.press("Enter")
+    for _ in range(6):
+        keyboard.press("Tab")
+        if view.get("() => document.activeElement.id") == "end-from":
+            break
+    expect(view.page.locator("#end-from")).to_be_focused()
+    keyboard.type("kaivok")
+    expect(view.page.get_by_role("option").first).to_contain_text("Kaivokatu")
+    keyboard.press("ArrowDown")
+    active = view.page.locator("#end-from").get_attribute("aria-activedescendant")
+    expect(view.page.locator(f"#{active}")).to_have_attribute("aria-selected", "true")
+    keyboard.press("Enter")
+    expect(view.page.locator("#end-from")).to_have_value("Kaivokatu")
+    while view.get("() => document.activeElement.id") != "end-to":
+        keyboard.press("Tab")
+    keyboard.type("60.1655 24.9480")
+    expect(view.page.get_by_role("option").first).to_contain_text("60.16550, 24.94800")
+    keyboard.press("Enter")
+    expect(first_row(view)).to_contain_text(re.compile(r"\d+"))
+    view.until(lambda: drawn(view, "routes"))
+    while view.get("() => document.activeElement.id") != "tab-routes":
+        keyboard.press("Tab")
+    keyboard.press("ArrowRight")
+    expect(view.page.locator("#tab-leave")).to_be_focused()
+    expect(view.page.locator("#panel-leave")).to_be_visible()
+    # The destination is moved by arrow keys, too.
+    view.page.locator(".pin-to").focus()
+    link = view.page.url
+    keyboard.press("ArrowUp")
+    view.until(lambda: view.page.url != link)
+
+
+def test_the_link_holds_the_view(opened):
+    view = opened().open(f"{ROUTE}&planners=shortest-path&walker=wheelchair&tab=reach")
+    view.page.click("#zoom-in")
+    view.until(lambda: "map=" in view.page.url)
+    view.page.wait_for_timeout(900)
+    link, camera = view.page.url, view.get("() => sidestep.map.getCenter().toArray().concat(sidestep.map.getZoom())")
+    assert all(part in link for part in (f"from={FROM}", f"to={TO}", "at=Sat-17:30", "planners=shortest-path", "walker=wheelchair", "tab=reach"))
+    other = opened().open(link.partition("/#")[2].join(["#", ""]))
+    expect(other.page.locator("#time-shown")).to_have_text("Saturday 17:30")
+    expect(other.page.locator("#tab-reach")).to_have_attribute("aria-selected", "true")
+    expect(other.page.locator("#walker")).to_have_value("wheelchair")
+    assert other.get("() => sidestep.map.getCenter().toArray().concat(sidestep.map.getZoom())") == pytest.approx(camera, abs=0.01)
+    assert other.get("() => sidestep.state.planners") == ["shortest-path"]
+
+
+def test_links_that_make_no_sense_show_the_town(opened):
+    view = opened().open("#from=1e99,x&to=&at=Someday&planners=%3Cb%3E,&tab=none&map=a/b/c&walker=%00")
+    assert view.get("() => [sidestep.state.from, sidestep.state.to, sidestep.state.at, sidestep.state.tab]") == [None, None, None, "routes"]
+
+
+def test_refusals_are_one_sentence(opened):
+    view = opened(allowed=("status of 4",)).open("#from=25.5,60.9&to=24.948,60.1655&at=Sat-17:30")
+    expect(view.page.locator("#alert")).to_be_visible()
+    expect(view.page.locator("#alert-says")).to_contain_text(re.compile("street|town|250 m"))
+    view.page.click("#alert-close")
+    expect(view.page.locator("#alert")).to_be_hidden()
+
+
+def test_without_webgl_the_tables_work(opened):
+    init = "HTMLCanvasElement.prototype.getContext = () => null;"
+    view = opened(init=init, allowed=("WebGL", "webgl")).open(ROUTE, drawn=False)
+    expect(view.page.locator("#no-map")).to_contain_text("WebGL is off")
+    expect(first_row(view)).to_contain_text(re.compile(r"expected.*\d"))
+    view.page.click("#tab-crowds")
+    expect(view.page.locator("#densest-body tr")).to_have_count(10)
+
+
+@pytest.mark.parametrize(("size", "scheme"), [("desktop", "light"), ("desktop", "dark"), ("phone", "light"), ("phone", "dark")])
+def test_accessibility(opened, axe, size, scheme):
+    view = opened(size, color_scheme=scheme, reduced_motion="reduce").open(ROUTE)
+    view.get(axe)
+    for tab in TABS:
+        view.page.click(f"#tab-{tab}")
+        view.page.wait_for_timeout(400)
+        if tab == "leave":
+            expect(view.page.locator(".curve")).to_be_visible(timeout=40000)
+        if tab == "routes":
+            expect(view.page.locator("#routes-body").get_by_text("Another way").first).to_be_visible(timeout=20000)
+        found = view.get("async () => (await axe.run()).violations.map(({ id, impact, nodes }) => [id, impact, nodes.map((node) => node.target.join(' ') + ': ' + node.failureSummary)])")
+        assert found == [], tab
+    assert view.get("() => document.documentElement.scrollWidth <= innerWidth")
+
+
+@BOTH
+def test_targets_are_large_enough_to_tap(opened, size):
+    view = opened(size).open(ROUTE)
+    view.page.click("#tab-routes")
+    small = view.get(
+        "() => [...document.querySelectorAll('button, select, input:not([type=checkbox]), summary, .planners label')]"
+        ".filter((node) => node.checkVisibility() && node.tabIndex >= -1).map((node) => [node.id || node.className, node.getBoundingClientRect()])"
+        ".filter(([, box]) => box.width > 1 && (box.height < 43.5 || box.width < 43.5)).map(([name, box]) => `${name} ${box.width}x${box.height}`)"
+    )
+    assert small == []
+
+
+def test_what_is_synthetic_and_whose_data_it_is_are_said(opened, server):
+    town, view = server.ask("/town"), opened().open()
+    expect(view.page.locator("#synthetic")).to_contain_text(town["synthetic"])
+    expect(view.page.locator("#attribution")).to_contain_text("OpenStreetMap")
+
+
+def test_dark_is_chosen_and_remembered(opened):
+    view = opened(color_scheme="light").open()
+    view.page.click("#theme")
+    assert view.get("() => sidestep.map.getPaintProperty('paper', 'background-color')") == "#14181f"
+    view.page.reload()
+    expect(view.page.locator("html")).to_have_attribute("data-theme", "dark")
