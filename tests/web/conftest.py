@@ -113,12 +113,15 @@ def server(files, tmp_path_factory) -> Iterator[Server]:  # noqa: ARG001 # the p
     if address is None:
         process.kill()
         pytest.fail(f"the server did not start: {''.join(said)}")
-    threading.Thread(target=process.stderr.read, daemon=True).start()  # or its log would fill the pipe
+    reading = threading.Thread(target=process.stderr.read, daemon=True)  # or its log would fill the pipe
+    reading.start()
     running = Server(address)
     running.ask("/readyz")
     yield running
     process.terminate()
     process.wait(30)
+    reading.join(10)
+    process.stderr.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 // What the server is asked, and what it says when it cannot answer.
 
 /** A sentence from the server, or about it. */
-export class Refusal extends Error {}
+class Refusal extends Error {}
 
 function address(path, query) {
   const url = new URL(path, document.baseURI);

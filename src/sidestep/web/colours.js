@@ -1,7 +1,7 @@
 // Colours of the map. Crowds: lightness falls (on dark paper rises) with the crowd, and lines get wider,
 // so that they can be told apart without seeing hues. Routes: blue and green with dashes of their own.
 
-export const PALETTES = {
+const PALETTES = {
   light: {
     paper: "#f6f5f1",
     crowds: ["#cbcfce", "#f0b54f", "#d3572b", "#7a1038"],
@@ -26,7 +26,14 @@ export const PALETTES = {
   },
 };
 
-export const DASHES = [[1, 0], [2.2, 1.2], [0.2, 1.5], [3.5, 1, 0.2, 1], [1.2, 1.2], [5, 1.5]];
+export const DASHES = [
+  [1, 0],
+  [2.2, 1.2],
+  [0.2, 1.5],
+  [3.5, 1, 0.2, 1],
+  [1.2, 1.2],
+  [5, 1.5],
+];
 
 const media = matchMedia("(prefers-color-scheme: dark)");
 const listeners = [];

@@ -22,10 +22,18 @@ function paintSensors() {
 }
 
 function showSensors() {
-  byId("sensors-body").replaceChildren(...sensors.map(({ properties }) =>
-    make("tr", { class: lately.has(properties.sensor) ? "picked" : null },
-      make("th", { scope: "row", text: properties.sensor }),
-      make("td", { text: number(properties.count ?? NaN) }), make("td", { text: number(properties.expected ?? NaN) }), make("td", { text: when(properties.counted_at) }))));
+  byId("sensors-body").replaceChildren(
+    ...sensors.map(({ properties }) =>
+      make(
+        "tr",
+        { class: lately.has(properties.sensor) ? "picked" : null },
+        make("th", { scope: "row", text: properties.sensor }),
+        make("td", { text: number(properties.count ?? NaN) }),
+        make("td", { text: number(properties.expected ?? NaN) }),
+        make("td", { text: when(properties.counted_at) }),
+      ),
+    ),
+  );
   byId("sensors").hidden = sensors.length === 0;
   paintSensors();
 }
@@ -50,15 +58,32 @@ function showStreets() {
     if (name && density > (named.get(name) ?? 0)) named.set(name, density);
   }
   const all = metres.reduce((sum, value) => sum + value, 0) || 1;
-  byId("shares").replaceChildren(...town.crowding.map(({ word }, turn) => {
-    const share = (100 * metres[turn]) / all;
-    const bar = make("span", { class: `bar crowd-${turn}` });
-    bar.style.setProperty("--share", `${share}%`);
-    return make("li", {}, make("span", { text: word }), make("span", { class: "track" }, bar), make("span", { class: "figure", text: `${share.toFixed(share < 10 ? 1 : 0)} %` }));
-  }));
+  byId("shares").replaceChildren(
+    ...town.crowding.map(({ word }, turn) => {
+      const share = (100 * metres[turn]) / all;
+      const bar = make("span", { class: `bar crowd-${turn}` });
+      bar.style.setProperty("--share", `${share}%`);
+      return make(
+        "li",
+        {},
+        make("span", { text: word }),
+        make("span", { class: "track" }, bar),
+        make("span", { class: "figure", text: `${share.toFixed(share < 10 ? 1 : 0)} %` }),
+      );
+    }),
+  );
   const densest = [...named].sort((one, other) => other[1] - one[1]).slice(0, LISTED);
-  byId("densest-body").replaceChildren(...densest.map(([name, density]) =>
-    make("tr", {}, make("th", { scope: "row", text: name }), make("td", { text: town.crowding[crowding(density)].word }), make("td", { text: density.toFixed(1) }))));
+  byId("densest-body").replaceChildren(
+    ...densest.map(([name, density]) =>
+      make(
+        "tr",
+        {},
+        make("th", { scope: "row", text: name }),
+        make("td", { text: town.crowding[crowding(density)].word }),
+        make("td", { text: density.toFixed(1) }),
+      ),
+    ),
+  );
 }
 
 const arrived = settled(300, async (names) => {
@@ -81,16 +106,38 @@ export function startCounts(facts, features, changed) {
   byId("panel-crowds").append(
     make("h2", { text: "The streets at the chosen time" }),
     make("ul", { id: "shares", class: "shares", "aria-label": "Share of the streets' length" }),
-    make("table", {},
+    make(
+      "table",
+      {},
       make("caption", { class: "hidden", text: "Densest streets" }),
-      make("thead", {}, make("tr", {}, ...["Densest streets", "crowd", "persons/m²"].map((text) => make("th", { scope: "col", text })))),
-      make("tbody", { id: "densest-body" })),
-    make("div", { id: "sensors", hidden: true },
+      make(
+        "thead",
+        {},
+        make("tr", {}, ...["Densest streets", "crowd", "persons/m²"].map((text) => make("th", { scope: "col", text }))),
+      ),
+      make("tbody", { id: "densest-body" }),
+    ),
+    make(
+      "div",
+      { id: "sensors", hidden: true },
       make("h2", {}, "Counts ", make("span", { id: "wire", class: "wire", text: "connecting" })),
-      make("table", {},
+      make(
+        "table",
+        {},
         make("caption", { class: "hidden", text: "Sensors, and what they counted latest" }),
-        make("thead", {}, make("tr", {}, ...["Sensor", "counted/h", "expected/h", "at"].map((text) => make("th", { scope: "col", text })))),
-        make("tbody", { id: "sensors-body" }))));
+        make(
+          "thead",
+          {},
+          make(
+            "tr",
+            {},
+            ...["Sensor", "counted/h", "expected/h", "at"].map((text) => make("th", { scope: "col", text })),
+          ),
+        ),
+        make("tbody", { id: "sensors-body" }),
+      ),
+    ),
+  );
   onCrowds("crowds", showStreets);
   onChange((names) => {
     if (!names.has("tab")) return;

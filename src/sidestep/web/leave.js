@@ -5,7 +5,12 @@ import { byId, complain, draw, make, settled } from "./dom.js";
 import { asked, change, clock, onChange, state, WEEK } from "./state.js";
 import { chosen } from "./time.js";
 
-const WINDOWS = [[60, "1 hour", 5], [120, "2 hours", 10], [240, "4 hours", 15], [480, "8 hours", 30]];
+const WINDOWS = [
+  [60, "1 hour", 5],
+  [120, "2 hours", 10],
+  [240, "4 hours", 15],
+  [480, "8 hours", 30],
+];
 const FUTURES = 50;
 const BOX = { width: 340, height: 190, left: 30, right: 10, top: 14, bottom: 24 };
 
@@ -39,43 +44,104 @@ function chart(found, first) {
   const best = rows.find((row) => row.departure_minutes === found.best.departure_minutes) ?? rows[0];
   const lines = [];
   for (let value = low; value <= high; value += step) {
-    lines.push(draw("line", { class: "grid", x1: BOX.left, x2: BOX.width - BOX.right, y1: y(value), y2: y(value) }),
-      draw("text", { x: BOX.left - 6, y: y(value) + 4, "text-anchor": "end", text: value }));
+    lines.push(
+      draw("line", { class: "grid", x1: BOX.left, x2: BOX.width - BOX.right, y1: y(value), y2: y(value) }),
+      draw("text", { x: BOX.left - 6, y: y(value) + 4, "text-anchor": "end", text: value }),
+    );
   }
   const every = Math.ceil(rows.length / 5);
   rows.forEach((row, turn) => {
     if (turn % every === 0)
-      lines.push(draw("text", { x: x(row), y: BOX.height - 6, "text-anchor": turn === 0 ? "start" : "middle", text: clock(leaving(first, row)) }));
+      lines.push(
+        draw("text", {
+          x: x(row),
+          y: BOX.height - 6,
+          "text-anchor": turn === 0 ? "start" : "middle",
+          text: clock(leaving(first, row)),
+        }),
+      );
   });
-  const back = [...rows].reverse().map((row) => `${x(row).toFixed(1)},${y(row.median_minutes).toFixed(1)}`).join(" ");
+  const back = [...rows]
+    .reverse()
+    .map((row) => `${x(row).toFixed(1)},${y(row.median_minutes).toFixed(1)}`)
+    .join(" ");
   const wide = (BOX.width - BOX.left - BOX.right) / Math.max(1, rows.length - 1);
   const bars = rows.map((row) =>
-    draw("rect", {
-      class: "hit", x: x(row) - wide / 2, width: wide, y: 0, height: BOX.height - BOX.bottom,
-      onclick: () => change({ at: Math.round(leaving(first, row)) }),
-    }, draw("title", { text: `${clock(leaving(first, row))}: half within ${round(row.median_minutes)} min, 9 in 10 within ${round(row.p90_minutes)} min` })));
-  return draw("svg", {
-    class: "curve", viewBox: `0 0 ${BOX.width} ${BOX.height}`, role: "img",
-    "aria-label": `Minutes of walking by departure, from ${clock(leaving(first, rows[0]))} to ${clock(leaving(first, rows.at(-1)))}. Best: ${clock(leaving(first, best))}. The table below says the same.`,
-  }, ...lines,
-  draw("polygon", { class: "band", points: `${path("p90_minutes")} ${back}` }),
-  draw("polyline", { class: "p90", points: path("p90_minutes") }),
-  draw("polyline", { class: "p50", points: path("median_minutes") }),
-  draw("line", { class: "best", x1: x(best), x2: x(best), y1: BOX.top - 6, y2: BOX.height - BOX.bottom }),
-  draw("circle", { class: "best", cx: x(best), cy: y(best.p90_minutes), r: 4.5 }),
-  ...bars);
+    draw(
+      "rect",
+      {
+        class: "hit",
+        x: x(row) - wide / 2,
+        width: wide,
+        y: 0,
+        height: BOX.height - BOX.bottom,
+        onclick: () => change({ at: Math.round(leaving(first, row)) }),
+      },
+      draw("title", {
+        text: `${clock(leaving(first, row))}: half within ${round(row.median_minutes)} min, 9 in 10 within ${round(row.p90_minutes)} min`,
+      }),
+    ),
+  );
+  return draw(
+    "svg",
+    {
+      class: "curve",
+      viewBox: `0 0 ${BOX.width} ${BOX.height}`,
+      role: "img",
+      "aria-label": `Minutes of walking by departure, from ${clock(leaving(first, rows[0]))} to ${clock(leaving(first, rows.at(-1)))}. Best: ${clock(leaving(first, best))}. The table below says the same.`,
+    },
+    ...lines,
+    draw("polygon", { class: "band", points: `${path("p90_minutes")} ${back}` }),
+    draw("polyline", { class: "p90", points: path("p90_minutes") }),
+    draw("polyline", { class: "p50", points: path("median_minutes") }),
+    draw("line", { class: "best", x1: x(best), x2: x(best), y1: BOX.top - 6, y2: BOX.height - BOX.bottom }),
+    draw("circle", { class: "best", cx: x(best), cy: y(best.p90_minutes), r: 4.5 }),
+    ...bars,
+  );
 }
 
 function table(found, first) {
   const sure = found.departures.some((row) => Number.isFinite(row.on_time)) && by !== "";
-  return make("table", { class: "departures" },
+  return make(
+    "table",
+    { class: "departures" },
     make("caption", { class: "hidden", text: "Minutes of walking by departure" }),
-    make("thead", {}, make("tr", {}, ...["Leave", "half within", "9 in 10 within", ...(sure ? [`there by ${by}`] : [])].map((text) => make("th", { scope: "col", text })))),
-    make("tbody", {}, ...found.departures.map((row) =>
-      make("tr", { class: row.departure_minutes === found.best.departure_minutes ? "picked" : null },
-        make("th", { scope: "row" }, make("button", { type: "button", class: "link", text: clock(leaving(first, row)), "aria-label": `Leave at ${clock(leaving(first, row))}`, onclick: () => change({ at: Math.round(leaving(first, row)) }) })),
-        make("td", { text: round(row.median_minutes) }), make("td", { text: round(row.p90_minutes) }),
-        sure ? make("td", { text: `${Math.round(100 * row.on_time)} %` }) : null))));
+    make(
+      "thead",
+      {},
+      make(
+        "tr",
+        {},
+        ...["Leave", "half within", "9 in 10 within", ...(sure ? [`there by ${by}`] : [])].map((text) =>
+          make("th", { scope: "col", text }),
+        ),
+      ),
+    ),
+    make(
+      "tbody",
+      {},
+      ...found.departures.map((row) =>
+        make(
+          "tr",
+          { class: row.departure_minutes === found.best.departure_minutes ? "picked" : null },
+          make(
+            "th",
+            { scope: "row" },
+            make("button", {
+              type: "button",
+              class: "link",
+              text: clock(leaving(first, row)),
+              "aria-label": `Leave at ${clock(leaving(first, row))}`,
+              onclick: () => change({ at: Math.round(leaving(first, row)) }),
+            }),
+          ),
+          make("td", { text: round(row.median_minutes) }),
+          make("td", { text: round(row.p90_minutes) }),
+          sure ? make("td", { text: `${Math.round(100 * row.on_time)} %` }) : null,
+        ),
+      ),
+    ),
+  );
 }
 
 function show(found, first) {
@@ -85,13 +151,31 @@ function show(found, first) {
   const saved = worst.p90_minutes - best.p90_minutes;
   const when = clock(leaving(first, best));
   byId("leave-found").replaceChildren(
-    make("p", { class: "finding" }, make("b", { text: `Leave at ${when}` }),
+    make(
+      "p",
+      { class: "finding" },
+      make("b", { text: `Leave at ${when}` }),
       ` and nine walks in ten take at most ${round(best.p90_minutes)} min, half of them ${round(best.median_minutes)}.`,
-      saved >= 0.5 ? ` Leaving at ${clock(leaving(first, worst))} would take up to ${round(saved)} min longer.` : " Other departures of this window take as long."),
+      saved >= 0.5
+        ? ` Leaving at ${clock(leaving(first, worst))} would take up to ${round(saved)} min longer.`
+        : " Other departures of this window take as long.",
+    ),
     chart(found, first),
-    make("ul", { class: "key" }, make("li", {}, make("span", { class: "key-p50" }), "half of the walks"), make("li", {}, make("span", { class: "key-p90" }), "nine in ten"), make("li", { text: "minutes, by departure" })),
-    make("button", { type: "button", class: "main", text: `Set ${when} as the departure`, onclick: () => change({ at: Math.round(leaving(first, best)) }) }),
-    make("details", {}, make("summary", { text: "As a table" }), table(found, first)));
+    make(
+      "ul",
+      { class: "key" },
+      make("li", {}, make("span", { class: "key-p50" }), "half of the walks"),
+      make("li", {}, make("span", { class: "key-p90" }), "nine in ten"),
+      make("li", { text: "minutes, by departure" }),
+    ),
+    make("button", {
+      type: "button",
+      class: "main",
+      text: `Set ${when} as the departure`,
+      onclick: () => change({ at: Math.round(leaving(first, best)) }),
+    }),
+    make("details", {}, make("summary", { text: "As a table" }), table(found, first)),
+  );
 }
 
 let wanted = "";
@@ -110,15 +194,23 @@ const find = settled(150, async () => {
   // A departure chosen on the curve does not move the window that the curve is about.
   const first = inside ? shown.first : Math.floor(chosen() / 5) * 5;
   const query = {
-    origin: lonLat(state.from), destination: lonLat(state.to), depart_at: asked(first), until: asked((first + minutes) % WEEK),
-    step, futures: FUTURES, arrive_by: by && deadline(first), walker: state.walker, planner: state.planners[0] === "shortest-path" ? "shortest-path" : "expected",
+    origin: lonLat(state.from),
+    destination: lonLat(state.to),
+    depart_at: asked(first),
+    until: asked((first + minutes) % WEEK),
+    step,
+    futures: FUTURES,
+    arrive_by: by && deadline(first),
+    walker: state.walker,
+    planner: state.planners[0] === "shortest-path" ? "shortest-path" : "expected",
   };
   if (wanted === JSON.stringify(query)) return;
   wanted = JSON.stringify(query);
   asking?.abort();
   asking = new AbortController();
   box.setAttribute("aria-busy", "true");
-  if (!box.querySelector("svg")) box.replaceChildren(make("p", { class: "note busy", text: "Walking through simulated futures …" }));
+  if (!box.querySelector("svg"))
+    box.replaceChildren(make("p", { class: "note busy", text: "Walking through simulated futures …" }));
   try {
     const found = await get("when", query, asking.signal);
     complain("when", null);
@@ -137,7 +229,11 @@ let shown = null;
 
 /** Begin. */
 export function startLeave() {
-  const windows = make("select", { id: "leave-window" }, ...WINDOWS.map(([, says], turn) => make("option", { value: turn, text: `the next ${says}` })));
+  const windows = make(
+    "select",
+    { id: "leave-window" },
+    ...WINDOWS.map(([, says], turn) => make("option", { value: turn, text: `the next ${says}` })),
+  );
   windows.value = String(span);
   windows.addEventListener("change", () => {
     span = Number(windows.value);
@@ -150,10 +246,14 @@ export function startLeave() {
     find();
   });
   byId("panel-leave").append(
-    make("div", { class: "choices" },
+    make(
+      "div",
+      { class: "choices" },
       make("div", { class: "choice" }, make("label", { for: "leave-window", text: "Departures of" }), windows),
-      make("div", { class: "choice" }, make("label", { for: "leave-by", text: "To be there by" }), within)),
-    make("div", { id: "leave-found" }));
+      make("div", { class: "choice" }, make("label", { for: "leave-by", text: "To be there by" }), within),
+    ),
+    make("div", { id: "leave-found" }),
+  );
   onChange((changed) => {
     if (["from", "to"].some((name) => changed.has(name))) shown = null;
     if (["from", "to", "at", "tab", "walker", "planners"].some((name) => changed.has(name))) find();

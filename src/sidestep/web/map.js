@@ -20,7 +20,12 @@ const pins = {};
 const data = {};
 
 /** One of several values by a number, the first where there is no such number. */
-const oneOf = (number, values) => ["match", number, ...values.slice(1).flatMap((value, turn) => [turn + 1, value]), values[0]];
+const oneOf = (number, values) => [
+  "match",
+  number,
+  ...values.slice(1).flatMap((value, turn) => [turn + 1, value]),
+  values[0],
+];
 const literal = (values) => values.map((value) => ["literal", value]);
 
 const CROWD = ["coalesce", ["feature-state", "crowd"], 0];
@@ -28,15 +33,31 @@ const STYLE = ["%", ["get", "style"], DASHES.length];
 
 const widths = (base) => {
   const wide = (factor) => ["*", factor, oneOf(CROWD, [0.8, 1.15, 1.6, 2.1])];
-  return ["interpolate", ["exponential", 1.5], ["zoom"], 12, wide(base * 0.4), 14, wide(base * 0.75), 16, wide(base * 1.7), 19, wide(base * 6)];
+  return [
+    "interpolate",
+    ["exponential", 1.5],
+    ["zoom"],
+    12,
+    wide(base * 0.4),
+    14,
+    wide(base * 0.75),
+    16,
+    wide(base * 1.7),
+    19,
+    wide(base * 6),
+  ];
 };
 
 const crowdColour = () => oneOf(CROWD, palette().crowds);
 
 const routeWidth = (more) => [
-  "interpolate", ["exponential", 1.4], ["zoom"],
-  12, ["+", ["case", ["get", "picked"], 4, 2.4], more],
-  16, ["+", ["case", ["get", "picked"], 7, 4.5], more],
+  "interpolate",
+  ["exponential", 1.4],
+  ["zoom"],
+  12,
+  ["+", ["case", ["get", "picked"], 4, 2.4], more],
+  16,
+  ["+", ["case", ["get", "picked"], 7, 4.5], more],
 ];
 const routeColour = () => oneOf(STYLE, palette().routes);
 const dashes = oneOf(STYLE, literal(DASHES));
@@ -47,22 +68,88 @@ function style() {
     version: 8,
     sources: {
       streets: { type: "geojson", data: streets, promoteId: "street", tolerance: 0.2 },
-      ...Object.fromEntries(SOURCES.map((name) => [name, { type: "geojson", data: data[name] ?? EMPTY, ...(name === "sensors" ? { promoteId: "sensor" } : {}) }])),
+      ...Object.fromEntries(
+        SOURCES.map((name) => [
+          name,
+          { type: "geojson", data: data[name] ?? EMPTY, ...(name === "sensors" ? { promoteId: "sensor" } : {}) },
+        ]),
+      ),
     },
     layers: [
       { id: "paper", type: "background", paint: { "background-color": colours.paper } },
-      { id: "reach-area", type: "fill", source: "reach", paint: { "fill-color": oneOf(["get", "ring"], colours.reach), "fill-opacity": 0.22 } },
-      { id: "streets", type: "line", source: "streets", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": crowdColour(), "line-width": widths(1.5) } },
-      { id: "reach-line", type: "line", source: "reach", layout: { "line-join": "round" }, paint: { "line-color": oneOf(["get", "ring"], colours.reach), "line-width": 2 } },
-      { id: "routes-casing", type: "line", source: "routes", layout: { "line-cap": "round", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] }, paint: { "line-color": colours.casing, "line-width": routeWidth(3) } },
-      { id: "routes", type: "line", source: "routes", layout: { "line-cap": "butt", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] }, paint: { "line-color": routeColour(), "line-width": routeWidth(0), "line-dasharray": dashes } },
-      { id: "walk-casing", type: "line", source: "walk", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": colours.casing, "line-width": 9 } },
-      { id: "walk", type: "line", source: "walk", layout: { "line-cap": "round", "line-join": "round" }, paint: { "line-color": ["match", ["get", "part"], "walked", colours.walked, "dropped", colours.walked, colours.routes[0]], "line-width": ["match", ["get", "part"], "dropped", 2.5, 5.5], "line-opacity": ["match", ["get", "part"], "dropped", 0.8, 1] } },
       {
-        id: "names", type: "symbol", source: "names", minzoom: 13,
+        id: "reach-area",
+        type: "fill",
+        source: "reach",
+        paint: { "fill-color": oneOf(["get", "ring"], colours.reach), "fill-opacity": 0.22 },
+      },
+      {
+        id: "streets",
+        type: "line",
+        source: "streets",
+        layout: { "line-cap": "round", "line-join": "round" },
+        paint: { "line-color": crowdColour(), "line-width": widths(1.5) },
+      },
+      {
+        id: "reach-line",
+        type: "line",
+        source: "reach",
+        layout: { "line-join": "round" },
+        paint: { "line-color": oneOf(["get", "ring"], colours.reach), "line-width": 2 },
+      },
+      {
+        id: "routes-casing",
+        type: "line",
+        source: "routes",
+        layout: { "line-cap": "round", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] },
+        paint: { "line-color": colours.casing, "line-width": routeWidth(3) },
+      },
+      {
+        id: "routes",
+        type: "line",
+        source: "routes",
+        layout: { "line-cap": "butt", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] },
+        paint: { "line-color": routeColour(), "line-width": routeWidth(0), "line-dasharray": dashes },
+      },
+      {
+        id: "walk-casing",
+        type: "line",
+        source: "walk",
+        layout: { "line-cap": "round", "line-join": "round" },
+        paint: { "line-color": colours.casing, "line-width": 9 },
+      },
+      {
+        id: "walk",
+        type: "line",
+        source: "walk",
+        layout: { "line-cap": "round", "line-join": "round" },
+        paint: {
+          "line-color": [
+            "match",
+            ["get", "part"],
+            "walked",
+            colours.walked,
+            "dropped",
+            colours.walked,
+            colours.routes[0],
+          ],
+          "line-width": ["match", ["get", "part"], "dropped", 2.5, 5.5],
+          "line-opacity": ["match", ["get", "part"], "dropped", 0.8, 1],
+        },
+      },
+      {
+        id: "names",
+        type: "symbol",
+        source: "names",
+        minzoom: 13,
         layout: {
-          "symbol-placement": "line", "symbol-spacing": 340, "text-field": ["get", "name"], "text-font": ["system-ui"],
-          "text-size": ["interpolate", ["linear"], ["zoom"], 13, 10.5, 17, 14], "text-padding": 8, "text-max-angle": 40,
+          "symbol-placement": "line",
+          "symbol-spacing": 340,
+          "text-field": ["get", "name"],
+          "text-font": ["system-ui"],
+          "text-size": ["interpolate", ["linear"], ["zoom"], 13, 10.5, 17, 14],
+          "text-padding": 8,
+          "text-max-angle": 40,
           "symbol-sort-key": ["-", 0, ["get", "metres"]],
         },
         paint: { "text-color": colours.label, "text-halo-color": colours.halo, "text-halo-width": 1.8 },
@@ -76,7 +163,11 @@ function sensorPaint() {
   const colours = palette();
   const counted = ["!=", ["get", "count"], null];
   return {
-    "circle-radius": ["+", 5, ["*", 0.22, ["sqrt", ["max", 0, ["coalesce", ["get", "count"], ["get", "expected"], 0]]]]],
+    "circle-radius": [
+      "+",
+      5,
+      ["*", 0.22, ["sqrt", ["max", 0, ["coalesce", ["get", "count"], ["get", "expected"], 0]]]],
+    ],
     "circle-color": colours.sensor,
     "circle-opacity": ["case", counted, 0.55, 0.08],
     "circle-stroke-color": ["case", ["boolean", ["feature-state", "fresh"], false], colours.routes[0], colours.sensor],
@@ -139,7 +230,10 @@ function padding() {
 /** Show all of some coordinates. */
 export function frame(coordinates, { keep = false } = {}) {
   if (!map || coordinates.length === 0) return;
-  const bounds = coordinates.reduce((found, point) => found.extend(point), new gl.LngLatBounds(coordinates[0], coordinates[0]));
+  const bounds = coordinates.reduce(
+    (found, point) => found.extend(point),
+    new gl.LngLatBounds(coordinates[0], coordinates[0]),
+  );
   if (keep && inView(bounds)) return;
   map.fitBounds(bounds, { padding: padding(), maxZoom: 16.5, duration: calm() ? 0 : 600 });
 }
@@ -155,7 +249,10 @@ function inView(bounds) {
 
 const wholeTown = () => {
   const [west, south, east, north] = town.bounds;
-  frame([[west, south], [east, north]]);
+  frame([
+    [west, south],
+    [east, north],
+  ]);
 };
 
 /** Move the view to a place. */
@@ -182,7 +279,8 @@ export function expectClick(end) {
 function hint() {
   const box = byId("hint");
   const next = active ?? (state.from === null ? "from" : state.to === null ? "to" : null);
-  box.hidden = !map || next === null || (next === "from" && state.from !== null) || (next === "to" && state.to !== null);
+  box.hidden =
+    !map || next === null || (next === "from" && state.from !== null) || (next === "to" && state.to !== null);
   box.textContent = next === "from" ? "Click the map where the walk begins" : "Now click where it ends";
 }
 
@@ -197,7 +295,11 @@ function pin(end) {
   }
   const called = end === "from" ? "Start" : "Destination";
   if (!pins[end]) {
-    const button = make("button", { type: "button", class: `pin pin-${end}` }, make("span", { text: end === "from" ? "A" : "B" }));
+    const button = make(
+      "button",
+      { type: "button", class: `pin pin-${end}` },
+      make("span", { text: end === "from" ? "A" : "B" }),
+    );
     const marker = new gl.Marker({ element: button, draggable: true, anchor: "bottom" });
     marker.on("dragend", () => {
       const { lng, lat } = marker.getLngLat();
@@ -216,7 +318,12 @@ function pin(end) {
     button.setAttribute("role", "button"); // MapLibre's own role would hide that it can be pressed
   }
   pins[end].setLngLat([place.lon, place.lat]);
-  pins[end].getElement().setAttribute("aria-label", `${called}${place.name ? `, ${place.name}` : ""}: drag it, or move it with the arrow keys`);
+  pins[end]
+    .getElement()
+    .setAttribute(
+      "aria-label",
+      `${called}${place.name ? `, ${place.name}` : ""}: drag it, or move it with the arrow keys`,
+    );
   pins[end].getElement().title = place.name || called;
 }
 
@@ -246,7 +353,10 @@ function streetWords(properties) {
 }
 
 function nearestStreet(point) {
-  const box = [[point.x - 8, point.y - 8], [point.x + 8, point.y + 8]];
+  const box = [
+    [point.x - 8, point.y - 8],
+    [point.x + 8, point.y + 8],
+  ];
   return map.queryRenderedFeatures(box, { layers: ["streets"] })[0] ?? null;
 }
 
@@ -272,11 +382,17 @@ function clicked(event) {
   popup = new gl.Popup({ closeButton: false, maxWidth: "260px", offset: 8 })
     .setLngLat(event.lngLat)
     .setDOMContent(
-      make("div", { class: "here" },
+      make(
+        "div",
+        { class: "here" },
         make("p", {}, make("b", { text: name }), crowd ? make("span", { text: crowd }) : null),
-        make("div", { class: "row" },
+        make(
+          "div",
+          { class: "row" },
           make("button", { type: "button", class: "chip", text: "Start here", onclick: choose("from") }),
-          make("button", { type: "button", class: "chip", text: "Go here", onclick: choose("to") }))),
+          make("button", { type: "button", class: "chip", text: "Go here", onclick: choose("to") }),
+        ),
+      ),
     )
     .addTo(map);
 }
@@ -303,7 +419,9 @@ export async function startMap(facts, geometry, library) {
   try {
     gl = await library;
   } catch {
-    withoutMap("The files of the map are missing here; in a checkout of Sidestep, make page fetches them. Everything else on this page works without them.");
+    withoutMap(
+      "The files of the map are missing here; in a checkout of Sidestep, make page fetches them. Everything else on this page works without them.",
+    );
     return;
   }
   try {
@@ -328,7 +446,12 @@ export async function startMap(facts, geometry, library) {
   }
   map.touchZoomRotate.disableRotation();
   map.keyboard.disableRotation();
-  map.getCanvas().setAttribute("aria-label", `Map of the streets of ${town.name}, coloured by crowding; arrow keys move it, plus and minus zoom`);
+  map
+    .getCanvas()
+    .setAttribute(
+      "aria-label",
+      `Map of the streets of ${town.name}, coloured by crowding; arrow keys move it, plus and minus zoom`,
+    );
   if (state.camera) map.jumpTo({ center: [state.camera.lon, state.camera.lat], zoom: state.camera.zoom });
   map.on("moveend", () => {
     const { lng, lat } = map.getCenter();

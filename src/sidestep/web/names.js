@@ -49,7 +49,11 @@ export function namedLines(features) {
         if (backwards) line = [...line].reverse();
         for (let next = extended(line, left); next !== null; next = extended(line, left)) line = next;
       }
-      lines.push({ type: "Feature", geometry: { type: "LineString", coordinates: line }, properties: { name, metres } });
+      lines.push({
+        type: "Feature",
+        geometry: { type: "LineString", coordinates: line },
+        properties: { name, metres },
+      });
     }
   }
   return lines;

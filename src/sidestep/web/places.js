@@ -11,7 +11,7 @@ const words = { from: "From", to: "To" };
 let town = null;
 
 /** Latitude and longitude as people write them. */
-export const inWords = (place) => place.name || `${place.lat.toFixed(5)}, ${place.lon.toFixed(5)}`;
+const inWords = (place) => place.name || `${place.lat.toFixed(5)}, ${place.lon.toFixed(5)}`;
 
 const within = (lon, lat) => {
   const [west, south, east, north] = town.bounds;
@@ -31,12 +31,29 @@ function coordinates(text) {
 function combobox(end) {
   const id = `end-${end}`;
   const input = make("input", {
-    id, type: "text", role: "combobox", autocomplete: "off", autocapitalize: "off", spellcheck: "false",
+    id,
+    type: "text",
+    role: "combobox",
+    autocomplete: "off",
+    autocapitalize: "off",
+    spellcheck: "false",
     placeholder: end === "from" ? "Street, or click the map" : "Street, or click the map",
-    "aria-autocomplete": "list", "aria-expanded": "false", "aria-controls": `${id}-list`,
+    "aria-autocomplete": "list",
+    "aria-expanded": "false",
+    "aria-controls": `${id}-list`,
   });
-  const list = make("ul", { id: `${id}-list`, role: "listbox", "aria-label": `Places for ${words[end]}`, class: "options", hidden: true });
-  const clear = make("button", { type: "button", class: "quiet clear", "aria-label": `Clear ${words[end]}`, hidden: true }, icon(CROSS));
+  const list = make("ul", {
+    id: `${id}-list`,
+    role: "listbox",
+    "aria-label": `Places for ${words[end]}`,
+    class: "options",
+    hidden: true,
+  });
+  const clear = make(
+    "button",
+    { type: "button", class: "quiet clear", "aria-label": `Clear ${words[end]}`, hidden: true },
+    icon(CROSS),
+  );
   let options = [];
   let at = -1;
   let asking = null;
@@ -72,8 +89,12 @@ function combobox(end) {
   function offer(found) {
     options = found.map((option, turn) => ({
       ...option,
-      node: make("li", { id: `${id}-option-${turn}`, role: "option", "aria-selected": "false" },
-        make("span", { text: option.says }), option.more ? make("small", { text: option.more }) : null),
+      node: make(
+        "li",
+        { id: `${id}-option-${turn}`, role: "option", "aria-selected": "false" },
+        make("span", { text: option.says }),
+        option.more ? make("small", { text: option.more }) : null,
+      ),
     }));
     for (const option of options) {
       option.node.addEventListener("pointerdown", (event) => event.preventDefault()); // the text keeps the focus
@@ -110,7 +131,11 @@ function combobox(end) {
         more: each.streets > 1 ? `${each.streets} parts` : "",
         place: () => ({ lon: each.longitude, lat: each.latitude, name: each.name }),
       }));
-      offer(named.length > 0 ? named : [{ ...onMap, says: `No street is called “${text}”`, more: "take the middle of the map" }]);
+      offer(
+        named.length > 0
+          ? named
+          : [{ ...onMap, says: `No street is called “${text}”`, more: "take the middle of the map" }],
+      );
     } catch (error) {
       if (error.name !== "AbortError") complain("search", error.message);
     }
@@ -151,10 +176,19 @@ function combobox(end) {
     if (document.activeElement !== input) input.value = state[end] ? inWords(state[end]) : "";
     clear.hidden = state[end] === null;
   };
-  document.querySelector(`.end[data-end=${end}]`).append(
-    make("label", { for: id }, make("span", { class: `dot dot-${end}`, "aria-hidden": "true", text: end === "from" ? "A" : "B" }), make("span", { text: words[end] })),
-    input, clear, list,
-  );
+  document
+    .querySelector(`.end[data-end=${end}]`)
+    .append(
+      make(
+        "label",
+        { for: id },
+        make("span", { class: `dot dot-${end}`, "aria-hidden": "true", text: end === "from" ? "A" : "B" }),
+        make("span", { text: words[end] }),
+      ),
+      input,
+      clear,
+      list,
+    );
   return { show, name: () => name(end, show) };
 }
 

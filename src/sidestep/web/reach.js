@@ -10,22 +10,56 @@ let asking = null;
 let framed = "";
 
 function show(found) {
-  const areas = found.features.filter((feature) => feature.properties.part === "area" && feature.geometry.coordinates.length > 0);
+  const areas = found.features.filter(
+    (feature) => feature.properties.part === "area" && feature.geometry.coordinates.length > 0,
+  );
   const ring = (feature) => Math.max(0, MINUTES.indexOf(feature.properties.minutes));
-  paint("reach", [...areas].sort((one, other) => other.properties.minutes - one.properties.minutes)
-    .map((feature) => ({ ...feature, properties: { ring: ring(feature), minutes: feature.properties.minutes } })));
-  const rows = [...areas].sort((one, other) => one.properties.minutes - other.properties.minutes).map(({ properties }) =>
-    make("tr", {},
-      make("th", { scope: "row" }, make("span", { class: `swatch reach-${Math.max(0, MINUTES.indexOf(properties.minutes))}` }), `${properties.minutes} min`),
-      make("td", { text: properties.kilometres?.toFixed(1) ?? "–" }), make("td", { text: Math.round(properties.hectares ?? 0) }),
-      make("td", { text: properties.nodes?.toLocaleString("en") ?? "–" })));
+  paint(
+    "reach",
+    [...areas]
+      .sort((one, other) => other.properties.minutes - one.properties.minutes)
+      .map((feature) => ({ ...feature, properties: { ring: ring(feature), minutes: feature.properties.minutes } })),
+  );
+  const rows = [...areas]
+    .sort((one, other) => one.properties.minutes - other.properties.minutes)
+    .map(({ properties }) =>
+      make(
+        "tr",
+        {},
+        make(
+          "th",
+          { scope: "row" },
+          make("span", { class: `swatch reach-${Math.max(0, MINUTES.indexOf(properties.minutes))}` }),
+          `${properties.minutes} min`,
+        ),
+        make("td", { text: properties.kilometres?.toFixed(1) ?? "–" }),
+        make("td", { text: Math.round(properties.hectares ?? 0) }),
+        make("td", { text: properties.nodes?.toLocaleString("en") ?? "–" }),
+      ),
+    );
   byId("reach-found").replaceChildren(
-    make("table", { class: "reached" },
+    make(
+      "table",
+      { class: "reached" },
       make("caption", { class: "hidden", text: "How far one gets" }),
-      make("thead", {}, make("tr", {}, ...["Within", "km of streets", "hectares", "crossings"].map((text) => make("th", { scope: "col", text })))),
-      make("tbody", {}, ...rows)));
+      make(
+        "thead",
+        {},
+        make(
+          "tr",
+          {},
+          ...["Within", "km of streets", "hectares", "crossings"].map((text) => make("th", { scope: "col", text })),
+        ),
+      ),
+      make("tbody", {}, ...rows),
+    ),
+  );
   const key = lonLat(state.from);
-  if (framed !== key) frame(areas.flatMap((feature) => feature.geometry.coordinates.flat(2)), { keep: true });
+  if (framed !== key)
+    frame(
+      areas.flatMap((feature) => feature.geometry.coordinates.flat(2)),
+      { keep: true },
+    );
   framed = key;
 }
 
@@ -33,15 +67,21 @@ const find = settled(120, async () => {
   if (state.tab !== "reach" || state.from === null) {
     asking?.abort();
     paint("reach", []);
-    if (state.from === null) byId("reach-found").replaceChildren(make("p", { class: "note", text: "Choose where the walk begins." }));
+    if (state.from === null)
+      byId("reach-found").replaceChildren(make("p", { class: "note", text: "Choose where the walk begins." }));
     return;
   }
   asking?.abort();
   asking = new AbortController();
   const box = byId("reach-found");
-  if (!box.querySelector("table")) box.replaceChildren(make("p", { class: "note busy", text: "Looking how far one gets …" }));
+  if (!box.querySelector("table"))
+    box.replaceChildren(make("p", { class: "note busy", text: "Looking how far one gets …" }));
   try {
-    const found = await get("isochrone", { origin: lonLat(state.from), minutes: MINUTES.join(","), depart_at: asked(state.at), walker: state.walker }, asking.signal);
+    const found = await get(
+      "isochrone",
+      { origin: lonLat(state.from), minutes: MINUTES.join(","), depart_at: asked(state.at), walker: state.walker },
+      asking.signal,
+    );
     complain("isochrone", null);
     show(found);
   } catch (error) {
@@ -55,8 +95,12 @@ const find = settled(120, async () => {
 /** Begin. */
 export function startReach() {
   byId("panel-reach").append(
-    make("p", { class: "lead", text: "How far one gets from the start in 5, 10 and 15 minutes, through the crowds of the chosen hour." }),
-    make("div", { id: "reach-found" }));
+    make("p", {
+      class: "lead",
+      text: "How far one gets from the start in 5, 10 and 15 minutes, through the crowds of the chosen hour.",
+    }),
+    make("div", { id: "reach-found" }),
+  );
   onChange((changed) => {
     if (["from", "at", "tab", "walker"].some((name) => changed.has(name))) find();
   });

@@ -34,7 +34,7 @@ let framed = ""; // ends that were framed
 const found = new Map(); // planner -> {status, routes, error}
 
 /** What a route is asked with besides its ends. */
-export const circumstances = () => ({ depart_at: asked(state.at), walker: state.walker, objective: state.objective });
+const circumstances = () => ({ depart_at: asked(state.at), walker: state.walker, objective: state.objective });
 
 /** Minutes in few digits. */
 export const minutes = (seconds) => {
@@ -55,31 +55,52 @@ const rows = () =>
 function paintRoutes() {
   const on = state.tab === "routes" || state.tab === "leave";
   const all = on && state.from && state.to ? rows() : [];
-  paint("routes", all
-    .filter((row) => row.turn === 0 || row.id === picked || picked?.startsWith(`${row.planner}:`))
-    .map(({ id, planner, route }) => ({
-      type: "Feature",
-      geometry: route.geometry,
-      properties: { id, planner, style: style(planner), picked: id === picked },
-    })));
+  paint(
+    "routes",
+    all
+      .filter((row) => row.turn === 0 || row.id === picked || picked?.startsWith(`${row.planner}:`))
+      .map(({ id, planner, route }) => ({
+        type: "Feature",
+        geometry: route.geometry,
+        properties: { id, planner, style: style(planner), picked: id === picked },
+      })),
+  );
 }
 
 function line(planner) {
   const turn = style(planner) % DASHES.length;
   const dash = DASHES[turn][1] === 0 ? null : DASHES[turn].map((length) => length * 3.5).join(" ");
-  return draw("svg", { class: "line", viewBox: "0 0 30 10", "aria-hidden": "true" },
-    draw("line", { x1: 1, x2: 29, y1: 5, y2: 5, stroke: palette().routes[turn], "stroke-width": 3.5, "stroke-dasharray": dash }));
+  return draw(
+    "svg",
+    { class: "line", viewBox: "0 0 30 10", "aria-hidden": "true" },
+    draw("line", {
+      x1: 1,
+      x2: 29,
+      y1: 5,
+      y2: 5,
+      stroke: palette().routes[turn],
+      "stroke-width": 3.5,
+      "stroke-dasharray": dash,
+    }),
+  );
 }
 
 /** Least of a column, which is written bold. */
 function least(name) {
-  const values = rows().map(({ route }) => route[name]).filter(Number.isFinite);
+  const values = rows()
+    .map(({ route }) => route[name])
+    .filter(Number.isFinite);
   return values.length > 1 ? Math.min(...values) : NaN;
 }
 
 function cells(route, best) {
   const cell = (name, text, more) =>
-    make("td", { class: route[name] === best[name] ? "least" : null }, text, more ? make("small", { text: more }) : null);
+    make(
+      "td",
+      { class: route[name] === best[name] ? "least" : null },
+      text,
+      more ? make("small", { text: more }) : null,
+    );
   return [
     cell("duration", minutes(route.duration), Number.isFinite(route.p90) ? `9 in 10: ${minutes(route.p90)}` : ""),
     cell("distance", number(route.distance)),
@@ -95,22 +116,68 @@ function body() {
     const on = state.planners.includes(planner);
     const answer = on && both ? found.get(planner) : null;
     const box = make("input", {
-      type: "checkbox", id: `plan-${planner}`, checked: on,
-      onchange: (event) => change({ planners: planners.filter((each) => (each === planner ? event.target.checked : state.planners.includes(each))) }),
+      type: "checkbox",
+      id: `plan-${planner}`,
+      checked: on,
+      onchange: (event) =>
+        change({
+          planners: planners.filter((each) =>
+            each === planner ? event.target.checked : state.planners.includes(each),
+          ),
+        }),
     });
     box.checked = on;
-    const title = make("label", { for: `plan-${planner}` }, box, make("span", { class: "who" }, make("b", { text: planner }), on ? line(planner) : null, make("small", { text: says(planner) })));
-    const pick = (id) => ({ class: id === picked ? "picked" : null, onclick: (event) => event.target.closest("label") || choose(id) });
+    const title = make(
+      "label",
+      { for: `plan-${planner}` },
+      box,
+      make(
+        "span",
+        { class: "who" },
+        make("b", { text: planner }),
+        on ? line(planner) : null,
+        make("small", { text: says(planner) }),
+      ),
+    );
+    const pick = (id) => ({
+      class: id === picked ? "picked" : null,
+      onclick: (event) => event.target.closest("label") || choose(id),
+    });
     const first = answer?.routes?.[0];
-    const head = make("tr", first ? pick(`${planner}:0`) : {},
+    const head = make(
+      "tr",
+      first ? pick(`${planner}:0`) : {},
       make("th", { scope: "row" }, title),
       ...(first
         ? cells(first, best)
-        : [make("td", { colspan: 3, class: "note" }, answer?.status === "asking" ? make("span", { class: "busy", text: "planning" }) : (answer?.error ?? ""))]));
-    const others = (answer?.routes ?? []).slice(1).map((route, turn) =>
-      make("tr", { ...pick(`${planner}:${turn + 1}`), },
-        make("th", { scope: "row", class: "other" }, make("button", { type: "button", class: "link", text: `Another way, ${turn + 1}`, "aria-pressed": String(`${planner}:${turn + 1}` === picked), onclick: () => choose(`${planner}:${turn + 1}`) })),
-        ...cells(route, best)));
+        : [
+            make(
+              "td",
+              { colspan: 3, class: "note" },
+              answer?.status === "asking" ? make("span", { class: "busy", text: "planning" }) : (answer?.error ?? ""),
+            ),
+          ]),
+    );
+    const others = (answer?.routes ?? [])
+      .slice(1)
+      .map((route, turn) =>
+        make(
+          "tr",
+          { ...pick(`${planner}:${turn + 1}`) },
+          make(
+            "th",
+            { scope: "row", class: "other" },
+            make("button", {
+              type: "button",
+              class: "link",
+              text: `Another way, ${turn + 1}`,
+              "aria-pressed": String(`${planner}:${turn + 1}` === picked),
+              onclick: () => choose(`${planner}:${turn + 1}`),
+            }),
+          ),
+          ...cells(route, best),
+        ),
+      );
     return [head, ...others];
   });
 }
@@ -123,14 +190,20 @@ const ARROWS = {
 };
 
 const arrow = (modifier = "") =>
-  modifier.includes("uturn") ? ARROWS.uturn : modifier.includes("left") ? ARROWS.left : modifier.includes("right") ? ARROWS.right : ARROWS.straight;
+  modifier.includes("uturn")
+    ? ARROWS.uturn
+    : modifier.includes("left")
+      ? ARROWS.left
+      : modifier.includes("right")
+        ? ARROWS.right
+        : ARROWS.straight;
 
 const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 const COMPASS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];
 
 /** A turn in words. */
-export function turnWords(step) {
+function turnWords(step) {
   const { type = "", modifier = "", bearing_after: bearing = 0 } = step.maneuver ?? {};
   const into = step.name ? ` ${type === "depart" ? "on" : "into"} ${step.name}` : "";
   if (type === "arrive") return "Arrive";
@@ -156,9 +229,22 @@ function directions() {
   const steps = row.route.legs?.flatMap((leg) => leg.steps ?? []) ?? [];
   box.replaceChildren(
     make("h2", { text: `Turn by turn, ${row.planner}${row.turn ? `, another way ${row.turn}` : ""}` }),
-    make("ol", { class: "steps" }, ...steps.map((step) =>
-      make("li", {}, turnIcon(step.maneuver?.modifier), make("span", { text: turnWords(step) }),
-        step.distance > 0 ? make("small", { text: `${number(step.distance)} m, ${minutes(step.duration)} min` }) : null))));
+    make(
+      "ol",
+      { class: "steps" },
+      ...steps.map((step) =>
+        make(
+          "li",
+          {},
+          turnIcon(step.maneuver?.modifier),
+          make("span", { text: turnWords(step) }),
+          step.distance > 0
+            ? make("small", { text: `${number(step.distance)} m, ${minutes(step.duration)} min` })
+            : null,
+        ),
+      ),
+    ),
+  );
 }
 
 let head = null;
@@ -166,7 +252,11 @@ let head = null;
 function summary() {
   const row = pickedRoute();
   const sure = row && Number.isFinite(row.route.p90) ? `, 9 in 10 within ${minutes(row.route.p90)}` : "";
-  byId("summary").replaceChildren(...(row ? [make("b", { text: `${minutes(row.route.duration)} min` }), `, ${number(row.route.distance)} m${sure}`] : []));
+  byId("summary").replaceChildren(
+    ...(row
+      ? [make("b", { text: `${minutes(row.route.duration)} min` }), `, ${number(row.route.distance)} m${sure}`]
+      : []),
+  );
   byId("summary").hidden = !row || !state.from || !state.to;
 }
 
@@ -199,7 +289,10 @@ function frameRoutes() {
   const ends = `${lonLat(state.from)};${lonLat(state.to)}`;
   const asking = state.planners.some((planner) => found.get(planner)?.status === "asking" && !LIVE.has(planner));
   if (asking || framed === ends) return;
-  frame(rows().flatMap(({ route }) => route.geometry.coordinates), { keep: framed !== "" || state.camera !== null });
+  frame(
+    rows().flatMap(({ route }) => route.geometry.coordinates),
+    { keep: framed !== "" || state.camera !== null },
+  );
   framed = ends;
 }
 
@@ -216,7 +309,17 @@ async function ask(planner, signal) {
     frameRoutes();
     // Other ways, and how reliable it is, take longer: they are asked for when the route is there and the slider rests.
     await rest(500, signal);
-    take(await get(path, { ...query, alternatives: planner === "expected" ? ALTERNATIVES : "false", futures: LIVE.has(planner) ? 10 : 100 }, signal));
+    take(
+      await get(
+        path,
+        {
+          ...query,
+          alternatives: planner === "expected" ? ALTERNATIVES : "false",
+          futures: LIVE.has(planner) ? 10 : 100,
+        },
+        signal,
+      ),
+    );
   } catch (error) {
     if (error.name === "AbortError") return;
     if (found.get(planner)?.status !== "found") {
@@ -228,7 +331,7 @@ async function ask(planner, signal) {
 }
 
 /** The route that is described, or the first. */
-export const pickedRoute = () => rows().find((row) => row.id === picked) ?? rows()[0] ?? null;
+const pickedRoute = () => rows().find((row) => row.id === picked) ?? rows()[0] ?? null;
 
 const plan = settled(40, async () => {
   asking?.abort();
@@ -253,7 +356,11 @@ export const replan = plan;
 
 function choice(id, label, options, name) {
   if (!options || options.length < 2) return null;
-  const select = make("select", { id }, ...options.map((option, turn) => make("option", { value: turn === 0 ? "" : option, text: option })));
+  const select = make(
+    "select",
+    { id },
+    ...options.map((option, turn) => make("option", { value: turn === 0 ? "" : option, text: option })),
+  );
   select.value = state[name];
   if (select.selectedIndex < 0) select.value = "";
   select.addEventListener("change", () => change({ [name]: select.value }));
@@ -264,28 +371,64 @@ function choice(id, label, options, name) {
 export function startRoutes(facts) {
   town = facts;
   const order = [...Object.keys(SAYS), ...Object.keys(OTHERS)];
-  planners = [...order.filter((planner) => town.planners.includes(planner)), ...town.planners.filter((planner) => !order.includes(planner))];
+  planners = [
+    ...order.filter((planner) => town.planners.includes(planner)),
+    ...town.planners.filter((planner) => !order.includes(planner)),
+  ];
   planners = [...new Set(planners)];
   const known = planners.filter((planner) => state.planners.includes(planner));
   change({ planners: known.length > 0 ? known : planners.slice(0, 1) });
-  head = make("table", { class: "planners" },
+  head = make(
+    "table",
+    { class: "planners" },
     make("caption", { class: "hidden", text: "Routes of several planners" }),
-    make("thead", {}, make("tr", {}, make("th", { scope: "col", text: "Planner" }), make("th", { scope: "col", text: "min" }), make("th", { scope: "col", text: "metres" }),
-      make("th", { scope: "col" }, make("abbr", { title: "Crowd met on the way, person·s/m²: density times time, summed over the way", text: "people met" })))),
-    make("tbody", { id: "routes-body" }));
+    make(
+      "thead",
+      {},
+      make(
+        "tr",
+        {},
+        make("th", { scope: "col", text: "Planner" }),
+        make("th", { scope: "col", text: "min" }),
+        make("th", { scope: "col", text: "metres" }),
+        make(
+          "th",
+          { scope: "col" },
+          make("abbr", {
+            title: "Crowd met on the way, person·s/m²: density times time, summed over the way",
+            text: "people met",
+          }),
+        ),
+      ),
+    ),
+    make("tbody", { id: "routes-body" }),
+  );
   byId("panel-routes").append(
     make("p", { id: "routes-none", class: "note", text: "Choose both ends: type a street, or click the map twice." }),
     head,
     planners.some((planner) => !(planner in SAYS))
-      ? make("button", { type: "button", class: "link", id: "more-planners", "aria-expanded": "false", text: "More planners", onclick: (event) => {
-        more = !more;
-        event.target.textContent = more ? "Fewer planners" : "More planners";
-        event.target.setAttribute("aria-expanded", String(more));
-        show();
-      } })
+      ? make("button", {
+          type: "button",
+          class: "link",
+          id: "more-planners",
+          "aria-expanded": "false",
+          text: "More planners",
+          onclick: (event) => {
+            more = !more;
+            event.target.textContent = more ? "Fewer planners" : "More planners";
+            event.target.setAttribute("aria-expanded", String(more));
+            show();
+          },
+        })
       : "",
-    make("div", { class: "choices" }, choice("walker", "Walker", town.walkers, "walker"), choice("objective", "Prefer", town.objectives, "objective")),
-    make("div", { id: "directions" }));
+    make(
+      "div",
+      { class: "choices" },
+      choice("walker", "Walker", town.walkers, "walker"),
+      choice("objective", "Prefer", town.objectives, "objective"),
+    ),
+    make("div", { id: "directions" }),
+  );
   onTheme(show);
   onChange((changed) => {
     if (["from", "to", "at", "planners", "walker", "objective"].some((name) => changed.has(name))) plan();

@@ -30,7 +30,8 @@ export function startSheet() {
     if (!drag) return;
     const by = drag.y - event.clientY;
     panel.style.removeProperty("--pulled");
-    if (drag.moved) set(STOPS[Math.min(2, Math.max(0, drag.stop + Math.sign(by) * (Math.abs(by) > innerHeight * 0.4 ? 2 : 1)))]);
+    if (drag.moved)
+      set(STOPS[Math.min(2, Math.max(0, drag.stop + Math.sign(by) * (Math.abs(by) > innerHeight * 0.4 ? 2 : 1)))]);
     handle.dataset.dragged = drag.moved ? "yes" : "";
     drag = null;
   };

@@ -6,7 +6,7 @@ import { byId, calm, draw, make, settled } from "./dom.js";
 import { change, clock, dayName, DAYS, onChange, state, WEEK } from "./state.js";
 
 const STEP = 15;
-let reading = { minutes: 720, date: null, speed: 1, at: performance.now(), simulated: false };
+let reading = { minutes: 720, speed: 1, at: performance.now(), simulated: false };
 let playing = 0;
 
 /** Minutes of the week by the server's clock. */
@@ -14,14 +14,6 @@ export const now = () => (reading.minutes + ((performance.now() - reading.at) / 
 
 /** The chosen time, minutes of the week. */
 export const chosen = () => state.at ?? now();
-
-/** A local time of the server after some seconds of walking, as it writes times. */
-export function localTime(minutesOfWeek, seconds) {
-  const date = new Date(reading.date ?? Date.UTC(2001, 0, 1));
-  const shift = minutesOfWeek - reading.minutes;
-  date.setTime(date.getTime() + Math.round((shift + (shift < 0 && state.at !== null ? WEEK : 0)) * 60000 + seconds * 1000));
-  return date.toISOString().slice(0, 19);
-}
 
 /** Take over what the server says about its clock. */
 export function setClock(said) {
@@ -32,7 +24,6 @@ export function setClock(said) {
   const weekday = (new Date(date).getUTCDay() + 6) % 7;
   reading = {
     minutes: weekday * 1440 + hour * 60 + minute + second / 60,
-    date,
     speed: said.speed ?? 1,
     at: performance.now(),
     simulated: said.simulated === true,
@@ -91,7 +82,9 @@ function showShape(day, metres) {
   const shape = shapeOfDay(day, metres);
   const most = Math.max(0.05, ...shape.map((share) => share ?? 0));
   const bars = shape.map((share, hour) =>
-    share === null ? null : draw("rect", { x: hour + 0.12, width: 0.76, y: 1 - share / most, height: share / most, rx: 0.12 }),
+    share === null
+      ? null
+      : draw("rect", { x: hour + 0.12, width: 0.76, y: 1 - share / most, height: share / most, rx: 0.12 }),
   );
   byId("day-shape").replaceChildren(...bars.filter((bar) => bar !== null));
 }
@@ -105,7 +98,9 @@ export async function startTime(town) {
     stop();
     choose(Math.floor(chosen() / 1440) * 1440 + Number(event.target.value));
   });
-  byId("day").addEventListener("change", (event) => choose(Number(event.target.value) * 1440 + (Math.floor(chosen() / STEP) * STEP % 1440)));
+  byId("day").addEventListener("change", (event) =>
+    choose(Number(event.target.value) * 1440 + ((Math.floor(chosen() / STEP) * STEP) % 1440)),
+  );
   byId("now").addEventListener("click", () => {
     stop();
     change({ at: null });
@@ -114,7 +109,13 @@ export async function startTime(town) {
   const words = town.crowding.map((each, turn) => {
     const before = turn === 0 ? 0 : town.crowding[turn - 1].limit;
     const range = Number.isFinite(each.limit) ? `${before}–${each.limit}` : `${before}+`;
-    return make("li", {}, make("span", { class: `swatch crowd-${turn}` }), make("b", { text: each.word }), make("span", { class: "range", text: ` ${range}${turn === town.crowding.length - 1 ? " persons/m²" : ""}` }));
+    return make(
+      "li",
+      {},
+      make("span", { class: `swatch crowd-${turn}` }),
+      make("b", { text: each.word }),
+      make("span", { class: "range", text: ` ${range}${turn === town.crowding.length - 1 ? " persons/m²" : ""}` }),
+    );
   });
   byId("legend").append(...words);
   let day = -1;

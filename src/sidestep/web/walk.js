@@ -1,6 +1,6 @@
 // A walk played crossing by crossing: the server is told where the walker is and what it sees, and says how to go on.
 
-import { get, lonLat, send } from "./api.js";
+import { get, send } from "./api.js";
 import { byId, calm, complain, make } from "./dom.js";
 import { frame, lookAt, paint, putWalker } from "./map.js";
 import { minutes, turnIcon } from "./routes.js";
@@ -66,7 +66,11 @@ function paintWalk() {
     putWalker(null);
     return;
   }
-  const part = (name, coordinates) => ({ type: "Feature", geometry: { type: "LineString", coordinates }, properties: { part: name } });
+  const part = (name, coordinates) => ({
+    type: "Feature",
+    geometry: { type: "LineString", coordinates },
+    properties: { part: name },
+  });
   const lines = walk.dropped.filter((line) => line.length > 1).map((line) => part("dropped", line));
   if (walk.line.length > 1) lines.push(part("left", walk.line));
   if (walk.walked.length > 1) lines.push(part("walked", walk.walked));
@@ -75,9 +79,13 @@ function paintWalk() {
 }
 
 function log(text, { kind = "", why = "", modifier = null } = {}) {
-  const item = make("li", { class: kind || null },
-    make("time", { text: hour(walk.time) }), modifier === null ? make("span", { class: "turn" }) : turnIcon(modifier),
-    make("span", {}, text, why ? make("em", { text: why }) : null));
+  const item = make(
+    "li",
+    { class: kind || null },
+    make("time", { text: hour(walk.time) }),
+    modifier === null ? make("span", { class: "turn" }) : turnIcon(modifier),
+    make("span", {}, text, why ? make("em", { text: why }) : null),
+  );
   byId("walk-log").prepend(item);
 }
 
@@ -118,14 +126,19 @@ async function report() {
   }
   current.next = said.next;
   const arrival = said.arrival ? ` Arrival ${hour(said.arrival)}` : "";
-  const range = Number.isFinite(said.p50) && Number.isFinite(said.p90) && !current.arrived ? `; half within ${minutes(said.p50)} min, 9 in 10 within ${minutes(said.p90)}.` : ".";
+  const range =
+    Number.isFinite(said.p50) && Number.isFinite(said.p90) && !current.arrived
+      ? `; half within ${minutes(said.p50)} min, 9 in 10 within ${minutes(said.p90)}.`
+      : ".";
   current.says = current.arrived ? `Arrived at ${hour(current.time)}.` : `${arrival}${arrival ? range : ""}`.trim();
   if (current.arrived) log("Arrived", { kind: "arrived" });
   else if (said.next) {
     const { name, modifier = "straight", distance } = said.next;
     const street = name || "the path";
     log(`${Math.round(distance)} m along ${street}`, {
-      kind: said.changed ? "changed" : "", why: said.changed ? `The plan changed. ${said.why ?? ""}` : "", modifier,
+      kind: said.changed ? "changed" : "",
+      why: said.changed ? `The plan changed. ${said.why ?? ""}` : "",
+      modifier,
     });
   }
   show();
@@ -139,7 +152,7 @@ async function onward(current) {
   if (part.length < 2) return;
   const metres = length(part);
   const seconds = Math.max(1, secondsTo(metres));
-  const [began, from] = [performance.now(), current.place];
+  const began = performance.now();
   await new Promise((done) => {
     const frameOf = (timestamp) => {
       if (walk !== current) return done();
@@ -158,7 +171,6 @@ async function onward(current) {
   current.line = rest.length > 0 ? rest : [part.at(-1)];
   current.time = later(current.time, seconds);
   lookAt({ lon: current.place[0], lat: current.place[1] });
-  void from;
 }
 
 async function go(current, once) {
@@ -188,8 +200,11 @@ async function start() {
   try {
     const [begun, clock] = await Promise.all([
       send("POST", "walks", {
-        origin: [state.from.lon, state.from.lat], destination: [state.to.lon, state.to.lat], planner,
-        ...(state.walker ? { walker: state.walker } : {}), ...(state.objective ? { objective: state.objective } : {}),
+        origin: [state.from.lon, state.from.lat],
+        destination: [state.to.lon, state.to.lat],
+        planner,
+        ...(state.walker ? { walker: state.walker } : {}),
+        ...(state.objective ? { objective: state.objective } : {}),
         ...(state.at === null ? {} : { depart_at: asked(state.at) }),
       }),
       get("clock"),
@@ -197,8 +212,23 @@ async function start() {
     complain("walk", null);
     const line = begun.route.geometry.coordinates;
     // The walk begins when it arrives, less the time it takes.
-    const time = begun.departure ?? (begun.arrival ? later(begun.arrival, -begun.route.duration) : clock.now.slice(0, 19));
-    walk = { id: begun.id, route: begun.route, line, place: line[0], time, walked: [], dropped: [], next: null, arrived: false, crowd: false, playing: true, moving: false, says: "" };
+    const time =
+      begun.departure ?? (begun.arrival ? later(begun.arrival, -begun.route.duration) : clock.now.slice(0, 19));
+    walk = {
+      id: begun.id,
+      route: begun.route,
+      line,
+      place: line[0],
+      time,
+      walked: [],
+      dropped: [],
+      next: null,
+      arrived: false,
+      crowd: false,
+      playing: true,
+      moving: false,
+      says: "",
+    };
     log(`Set out, ${planner}: ${minutes(begun.route.duration)} min expected`, { kind: "set-out" });
     frame(line, { keep: true });
     await report();
@@ -217,19 +247,36 @@ function stop() {
 /** Begin. */
 export function startWalk(facts) {
   town = facts;
-  const who = make("select", { id: "walk-planner" }, ...town.planners.map((name) => make("option", { value: name, text: name })));
+  const who = make(
+    "select",
+    { id: "walk-planner" },
+    ...town.planners.map((name) => make("option", { value: name, text: name })),
+  );
   who.value = planner;
   who.addEventListener("change", () => (planner = who.value));
-  const pace = make("select", { id: "walk-speed" }, ...SPEEDS.map((times) => make("option", { value: times, text: `${times} × as fast` })));
+  const pace = make(
+    "select",
+    { id: "walk-speed" },
+    ...SPEEDS.map((times) => make("option", { value: times, text: `${times} × as fast` })),
+  );
   pace.value = String(speed);
   pace.addEventListener("change", () => (speed = Number(pace.value)));
-  const button = (id, text, onclick, kind = "chip") => make("button", { id, type: "button", class: kind, text, onclick });
+  const button = (id, text, onclick, kind = "chip") =>
+    make("button", { id, type: "button", class: kind, text, onclick });
   byId("panel-walk").append(
-    make("p", { class: "lead", text: "A walker reports from every crossing and is told how to go on. Put a crowd ahead, and see whether it walks round it." }),
-    make("div", { class: "choices" },
+    make("p", {
+      class: "lead",
+      text: "A walker reports from every crossing and is told how to go on. Put a crowd ahead, and see whether it walks round it.",
+    }),
+    make(
+      "div",
+      { class: "choices" },
       make("div", { class: "choice" }, make("label", { for: "walk-planner", text: "Planner" }), who),
-      make("div", { class: "choice" }, make("label", { for: "walk-speed", text: "Pace" }), pace)),
-    make("div", { class: "row" },
+      make("div", { class: "choice" }, make("label", { for: "walk-speed", text: "Pace" }), pace),
+    ),
+    make(
+      "div",
+      { class: "row" },
       button("walk-start", "Start the walk", start, "main"),
       button("walk-pause", "Pause", () => {
         walk.playing = !walk.playing;
@@ -244,9 +291,11 @@ export function startWalk(facts) {
       button("walk-crowd", "A crowd ahead", () => {
         walk.crowd = !walk.crowd;
         show();
-      })),
+      }),
+    ),
     make("p", { id: "walk-says", class: "finding", role: "status" }),
-    make("ol", { id: "walk-log", class: "log", reversed: true }));
+    make("ol", { id: "walk-log", class: "log", reversed: true }),
+  );
   onChange((changed) => {
     if (changed.has("from") || changed.has("to")) {
       stop();
@@ -254,6 +303,5 @@ export function startWalk(facts) {
     }
     if (changed.has("from") || changed.has("to") || changed.has("tab")) show();
   });
-  void lonLat;
   show();
 }
