@@ -97,7 +97,17 @@ class Server:
 def server(files, tmp_path_factory) -> Iterator[Server]:  # noqa: ARG001 # the page's files come first
     """``sidestep serve helsinki`` as users run it, with a store of its own."""
     folder = tmp_path_factory.mktemp("server")
-    command = [sys.executable, "-m", "sidestep", "serve", "helsinki", "--port", "0", "--store", str(folder / "store.db")]
+    command = [
+        sys.executable,
+        "-m",
+        "sidestep",
+        "serve",
+        "helsinki",
+        "--port",
+        "0",
+        "--store",
+        str(folder / "store.db"),
+    ]
     process = subprocess.Popen(
         command, cwd=folder, env={**os.environ, "SIDESTEP_API_KEY": KEY}, stderr=subprocess.PIPE, text=True
     )
@@ -183,9 +193,7 @@ def opened(chromium: Browser, server: Server) -> Iterator[Callable[..., View]]:
         view = View(context.new_page(), server)
         view.page.on("request", lambda request: view.requested.append(request.url))
         view.page.on("pageerror", lambda error: view.errors.append(str(error)))
-        view.page.on(
-            "console", lambda message: message.type == "error" and view.errors.append(message.text)
-        )
+        view.page.on("console", lambda message: message.type == "error" and view.errors.append(message.text))
         views.append((view, allowed))
         return view
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from datetime import datetime, timedelta
 from io import BytesIO
 
 import pytest
@@ -40,19 +41,21 @@ def first_row(view):
 
 
 @BOTH
-def test_two_clicks_on_the_map_draw_routes_of_several_planners(opened, size):
+def test_two_clicks_on_the_map_draw_a_route(opened, size):
     view = opened(size).open("#at=Sat-17:30")
     expect(view.page.locator("#hint")).to_have_text("Click the map where the walk begins")
     click_map(view, 0.45, 0.35)
     expect(view.page.locator("#hint")).to_have_text("Now click where it ends")
     click_map(view, 0.55, 0.65)
-    view.until(lambda: {each["planner"] for each in drawn(view, "routes")} >= {"expected", "shortest-path"})
+    view.until(lambda: "expected" in {each["planner"] for each in drawn(view, "routes")})
     if size == "phone":
         expect(view.page.locator("#summary")).to_contain_text("min")
     view.page.click("#tab-routes")
     expect(first_row(view)).to_contain_text(re.compile(r"expected.*\d+.*\d"))
     view.until(lambda: "from=24." in view.page.url and "to=24." in view.page.url)
-    minutes, _, people = (float(re.split(r"[^\d.]", cell.replace(",", ""))[0]) for cell in first_row(view).locator("td").all_inner_texts())
+    minutes, _, people = (
+        float(re.split(r"[^\d.]", cell.replace(",", ""))[0]) for cell in first_row(view).locator("td").all_inner_texts()
+    )
     assert 1 < minutes < 60 < people
 
 
@@ -88,7 +91,8 @@ def test_playing_goes_through_the_day_and_stops(opened):
 def test_planners_alternatives_and_directions(opened):
     view = opened().open(ROUTE)
     rows = view.page.locator("#routes-body tr")
-    expect(rows.filter(has_text="Another way").first).to_be_visible(timeout=20000)
+    view.until(lambda: {each["planner"] for each in drawn(view, "routes")} == {"expected", "shortest-path"}, 60)
+    expect(rows.filter(has_text="Another way").first).to_be_visible(timeout=60000)
     expect(rows.filter(has_text="9 in 10").first).to_be_visible()
     view.page.get_by_label("greedy-map").check()
     view.until(lambda: "greedy-map" in {each["planner"] for each in drawn(view, "routes")}, 30)
@@ -102,7 +106,7 @@ def test_planners_alternatives_and_directions(opened):
 
 def test_the_best_time_to_leave(opened):
     view = opened().open(f"{ROUTE}&tab=leave")
-    expect(view.page.locator(".curve")).to_be_visible(timeout=40000)
+    expect(view.page.locator(".curve")).to_be_visible(timeout=60000)
     expect(view.page.locator("#leave-found .finding")).to_contain_text("nine walks in ten")
     view.page.get_by_text("As a table").click()
     rows = view.page.locator(".departures tbody tr")
@@ -110,12 +114,12 @@ def test_the_best_time_to_leave(opened):
     rows.nth(6).get_by_role("button").click()
     expect(view.page.locator("#time-shown")).to_have_text("Saturday 18:30")
     view.page.fill("#leave-by", "19:00")
-    expect(view.page.locator(".departures thead")).to_contain_text("there by 19:00", timeout=20000)
+    expect(view.page.locator(".departures thead")).to_contain_text("there by 19:00", timeout=60000)
 
 
 def test_how_far_one_gets(opened):
     view = opened().open(f"#from={FROM}&at=Sat-17:30&tab=reach")
-    expect(view.page.locator("#reach-found tbody tr")).to_have_count(3, timeout=20000)
+    expect(view.page.locator("#reach-found tbody tr")).to_have_count(3, timeout=60000)
     view.until(lambda: {each["minutes"] for each in drawn(view, "reach-area")} == {5, 10, 15})
     view.page.click("#tab-routes")
     view.until(lambda: drawn(view, "reach-area") == [])
@@ -126,7 +130,7 @@ def test_a_walk_is_played_and_planned_anew(opened):
     view.page.select_option("#walk-speed", "120")
     view.page.click("#walk-start")
     log = view.page.locator("#walk-log li")
-    expect(log.nth(3)).to_be_visible(timeout=30000)
+    expect(log.nth(3)).to_be_visible(timeout=60000)
     for _ in range(8):  # crowds on streets without another way change nothing
         if view.page.locator("#walk-log .changed").count():
             break
@@ -134,7 +138,7 @@ def test_a_walk_is_played_and_planned_anew(opened):
         view.until(lambda: view.page.locator("#walk-crowd").get_attribute("aria-pressed") == "false")
     expect(view.page.locator("#walk-log .changed").first).to_contain_text("The plan changed.")
     view.until(lambda: "walked" in {each["part"] for each in drawn(view, "walk")})
-    expect(view.page.locator("#walk-log .arrived")).to_be_visible(timeout=40000)
+    expect(view.page.locator("#walk-log .arrived")).to_be_visible(timeout=60000)
     expect(view.page.locator("#walk-says")).to_contain_text("Arrived at")
 
 
@@ -143,15 +147,18 @@ def test_a_posted_count_appears_and_changes_streets(opened, server, size):
     view = opened(size).open("#tab=crowds")
     expect(view.page.locator("#wire")).to_have_text("live")
     sensors = server.ask("/sensors")["features"]
-    name = sensors[0 if size == "desktop" else 1]["properties"]["sensor"]
+    name = sorted({each["properties"]["sensor"] for each in sensors})[0 if size == "desktop" else 1]
     view.until(lambda: len(view.classes()) > 0)
-    before, now = view.classes(), server.ask("/clock")["now"]
-    server.send("/counts", {"sensor": name, "time": now, "count": 60000 if size == "desktop" else 30000})
-    expect(view.page.locator(".toast")).to_contain_text(name)
+    before, now = view.classes(), datetime.fromisoformat(server.ask("/clock")["now"])
+    began, count = now - timedelta(minutes=61), 6000 if size == "desktop" else 5000
+    said = server.send("/counts", {"sensor": name, "time": began.isoformat(), "count": count})
+    assert said["new"] == 1
+    # The first counts of a server have programs compiled.
+    expect(view.page.locator(".toast")).to_contain_text(name, timeout=60000)
     view.until(lambda: view.classes() != before)
     expect(view.page.locator("#crowds-kind")).to_contain_text("live")
     row = view.page.locator("#sensors-body tr").filter(has_text=name)
-    expect(row.locator("td").first).to_have_text("60,000" if size == "desktop" else "30,000")
+    expect(row.locator("td").first).to_have_text(f"{count:,}")
 
 
 def test_a_route_with_the_keyboard_alone(opened):
@@ -197,18 +204,35 @@ def test_the_link_holds_the_view(opened):
     view.until(lambda: "map=" in view.page.url)
     view.page.wait_for_timeout(900)
     link, camera = view.page.url, view.get("() => sidestep.map.getCenter().toArray().concat(sidestep.map.getZoom())")
-    assert all(part in link for part in (f"from={FROM}", f"to={TO}", "at=Sat-17:30", "planners=shortest-path", "walker=wheelchair", "tab=reach"))
+    assert all(
+        part in link
+        for part in (
+            f"from={FROM}",
+            f"to={TO}",
+            "at=Sat-17:30",
+            "planners=shortest-path",
+            "walker=wheelchair",
+            "tab=reach",
+        )
+    )
     other = opened().open(link.partition("/#")[2].join(["#", ""]))
     expect(other.page.locator("#time-shown")).to_have_text("Saturday 17:30")
     expect(other.page.locator("#tab-reach")).to_have_attribute("aria-selected", "true")
     expect(other.page.locator("#walker")).to_have_value("wheelchair")
-    assert other.get("() => sidestep.map.getCenter().toArray().concat(sidestep.map.getZoom())") == pytest.approx(camera, abs=0.01)
+    assert other.get("() => sidestep.map.getCenter().toArray().concat(sidestep.map.getZoom())") == pytest.approx(
+        camera, abs=0.01
+    )
     assert other.get("() => sidestep.state.planners") == ["shortest-path"]
 
 
 def test_links_that_make_no_sense_show_the_town(opened):
     view = opened().open("#from=1e99,x&to=&at=Someday&planners=%3Cb%3E,&tab=none&map=a/b/c&walker=%00")
-    assert view.get("() => [sidestep.state.from, sidestep.state.to, sidestep.state.at, sidestep.state.tab]") == [None, None, None, "routes"]
+    assert view.get("() => [sidestep.state.from, sidestep.state.to, sidestep.state.at, sidestep.state.tab]") == [
+        None,
+        None,
+        None,
+        "routes",
+    ]
 
 
 def test_refusals_are_one_sentence(opened):
@@ -228,7 +252,9 @@ def test_without_webgl_the_tables_work(opened):
     expect(view.page.locator("#densest-body tr")).to_have_count(10)
 
 
-@pytest.mark.parametrize(("size", "scheme"), [("desktop", "light"), ("desktop", "dark"), ("phone", "light"), ("phone", "dark")])
+@pytest.mark.parametrize(
+    ("size", "scheme"), [("desktop", "light"), ("desktop", "dark"), ("phone", "light"), ("phone", "dark")]
+)
 def test_accessibility(opened, axe, size, scheme):
     view = opened(size, color_scheme=scheme, reduced_motion="reduce").open(ROUTE)
     view.get(axe)
@@ -236,10 +262,12 @@ def test_accessibility(opened, axe, size, scheme):
         view.page.click(f"#tab-{tab}")
         view.page.wait_for_timeout(400)
         if tab == "leave":
-            expect(view.page.locator(".curve")).to_be_visible(timeout=40000)
+            expect(view.page.locator(".curve")).to_be_visible(timeout=60000)
         if tab == "routes":
-            expect(view.page.locator("#routes-body").get_by_text("Another way").first).to_be_visible(timeout=20000)
-        found = view.get("async () => (await axe.run()).violations.map(({ id, impact, nodes }) => [id, impact, nodes.map((node) => node.target.join(' ') + ': ' + node.failureSummary)])")
+            expect(view.page.locator("#routes-body").get_by_text("Another way").first).to_be_visible(timeout=60000)
+        found = view.get(
+            "async () => (await axe.run()).violations.map(({ id, impact, nodes }) => [id, impact, nodes.map((node) => node.target.join(' ') + ': ' + node.failureSummary)])"
+        )
         assert found == [], tab
     assert view.get("() => document.documentElement.scrollWidth <= innerWidth")
 

@@ -37,9 +37,8 @@ PROXIED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-real-ip
 CLOSE = {"connection": "close"}
 """Headers of answers to requests whose body was not read to its end."""
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
-    "worker-src 'self' blob:; font-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; worker-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 """Content security policy: nothing comes from other hosts."""
 HEADERS = tuple(

@@ -5,7 +5,7 @@ import { crowding, onCrowds, refreshCrowds, shown } from "./crowds.js";
 import { byId, make, settled, toast } from "./dom.js";
 import { flash, paint } from "./map.js";
 import { onChange, state } from "./state.js";
-import { chosen, setClock } from "./time.js";
+import { chosen, setClock, setCounted } from "./time.js";
 
 const LISTED = 10;
 let town = null;
@@ -16,6 +16,11 @@ const lately = new Set();
 const number = (value) => (Number.isFinite(value) ? Math.round(value).toLocaleString("en") : "–");
 const when = (text) => /T(\d\d:\d\d)/.exec(text ?? "")?.[1] ?? "–";
 
+/** Each sensor once: one may stand on several streets. */
+const unique = (properties) => [...new Map(properties.map((each) => [each.sensor, each])).values()];
+
+const said = ({ count, counted_from: from }) => `${count} ${from}`;
+
 function paintSensors() {
   const some = state.tab === "crowds" || sensors.some((sensor) => sensor.properties.count !== null);
   paint("sensors", some ? sensors : []);
@@ -23,14 +28,14 @@ function paintSensors() {
 
 function showSensors() {
   byId("sensors-body").replaceChildren(
-    ...sensors.map(({ properties }) =>
+    ...unique(sensors.map(({ properties }) => properties)).map((properties) =>
       make(
         "tr",
         { class: lately.has(properties.sensor) ? "picked" : null },
         make("th", { scope: "row", text: properties.sensor }),
         make("td", { text: number(properties.count ?? NaN) }),
         make("td", { text: number(properties.expected ?? NaN) }),
-        make("td", { text: when(properties.counted_at) }),
+        make("td", { text: when(properties.counted_from) }),
       ),
     ),
   );
@@ -38,13 +43,19 @@ function showSensors() {
   paintSensors();
 }
 
+/** Ask what was counted latest, and find out which sensors say something else than before. */
 async function readSensors() {
+  const before = new Map(sensors.map(({ properties }) => [properties.sensor, said(properties)]));
   try {
     sensors = (await get("sensors")).features ?? [];
   } catch {
     sensors = []; // the town may have none
   }
+  setCounted(sensors.some(({ properties }) => properties.count !== null));
+  const changed = new Set(sensors.map(({ properties }) => properties).filter((sensor) => sensor.count !== null));
+  for (const sensor of changed) if (before.get(sensor.sensor) === said(sensor)) changed.delete(sensor);
   showSensors();
+  return before.size === 0 ? [] : unique([...changed]);
 }
 
 function showStreets() {
@@ -86,13 +97,18 @@ function showStreets() {
   );
 }
 
-const arrived = settled(300, async (names) => {
-  await readSensors();
-  for (const name of lately) flash(name);
-  const first = sensors.find((sensor) => names.includes(sensor.properties.sensor))?.properties;
-  if (!first) return;
-  const more = names.length > 1 ? `, and ${names.length - 1} more` : "";
-  toast(`Counted: ${first.sensor}, ${number(first.count ?? NaN)} persons/h${more}`);
+/** Crowds are others than before: since something was counted, or since time has passed. */
+const arrived = settled(200, async () => {
+  const changed = await readSensors();
+  if (changed.length === 0) return;
+  for (const { sensor } of changed) {
+    lately.add(sensor);
+    flash(sensor);
+  }
+  showSensors();
+  const [first] = changed;
+  const more = changed.length > 1 ? `, and ${changed.length - 1} more` : "";
+  toast(`Counted: ${first.sensor}, ${number(first.count)} persons/h${more}`);
   setTimeout(() => {
     lately.clear();
     showSensors();
@@ -131,7 +147,7 @@ export function startCounts(facts, features, changed) {
           make(
             "tr",
             {},
-            ...["Sensor", "counted/h", "expected/h", "at"].map((text) => make("th", { scope: "col", text })),
+            ...["Sensor", "counted/h", "expected/h", "from"].map((text) => make("th", { scope: "col", text })),
           ),
         ),
         make("tbody", { id: "sensors-body" }),
@@ -146,21 +162,15 @@ export function startCounts(facts, features, changed) {
   });
   showStreets();
   readSensors();
-  const names = new Set();
   const day = () => Math.floor(chosen() / 1440);
   const source = listen("events", {
-    counts: (data) => {
-      for (const name of data.sensors ?? []) names.add(name).size && lately.add(name);
-      arrived([...names]);
-      setTimeout(() => names.clear(), 400);
-    },
     crowds: () => {
       refreshCrowds(day());
+      arrived();
       changed();
     },
     clock: (data) => {
-      if (data.now) setClock(data);
-      else get("clock").then(setClock, () => {});
+      setClock(data);
       if (state.at === null) refreshCrowds(day());
     },
   });

@@ -8,7 +8,7 @@ const STEP = 15; // minutes between two times of the slider
 const HOUR = 60;
 
 let limits = [0.31, 0.72, 2.17]; // persons/m², from the server
-const kept = new Map(); // time as asked -> {density, live, departs}
+const kept = new Map(); // time as asked -> {density}
 const listeners = { crowds: [], day: [] };
 let fetching = null;
 let ahead = 0;
@@ -26,7 +26,7 @@ async function fetched(at, signal) {
   const name = key(at);
   if (kept.has(name)) return kept.get(name);
   const found = await get("crowds", { at: asked(at), geometry: "false" }, signal);
-  const crowds = { density: found.density, live: found.live === true, departs: found.departs ?? "" };
+  const crowds = { density: found.density };
   kept.set(name, crowds);
   return crowds;
 }

@@ -158,26 +158,24 @@ function body() {
             ),
           ]),
     );
-    const others = (answer?.routes ?? [])
-      .slice(1)
-      .map((route, turn) =>
+    const others = (answer?.routes ?? []).slice(1).map((route, turn) =>
+      make(
+        "tr",
+        { ...pick(`${planner}:${turn + 1}`) },
         make(
-          "tr",
-          { ...pick(`${planner}:${turn + 1}`) },
-          make(
-            "th",
-            { scope: "row", class: "other" },
-            make("button", {
-              type: "button",
-              class: "link",
-              text: `Another way, ${turn + 1}`,
-              "aria-pressed": String(`${planner}:${turn + 1}` === picked),
-              onclick: () => choose(`${planner}:${turn + 1}`),
-            }),
-          ),
-          ...cells(route, best),
+          "th",
+          { scope: "row", class: "other" },
+          make("button", {
+            type: "button",
+            class: "link",
+            text: `Another way, ${turn + 1}`,
+            "aria-pressed": String(`${planner}:${turn + 1}` === picked),
+            onclick: () => choose(`${planner}:${turn + 1}`),
+          }),
         ),
-      );
+        ...cells(route, best),
+      ),
+    );
     return [head, ...others];
   });
 }

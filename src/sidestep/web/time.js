@@ -1,13 +1,14 @@
 // The chosen time: slider, day, play, now; and the server's clock.
 
 import { get } from "./api.js";
-import { fetchAhead, fetchDay, onCrowds, shapeOfDay, shown } from "./crowds.js";
+import { fetchAhead, fetchDay, onCrowds, shapeOfDay } from "./crowds.js";
 import { byId, calm, draw, make, settled } from "./dom.js";
 import { change, clock, dayName, DAYS, onChange, state, WEEK } from "./state.js";
 
 const STEP = 15;
 let reading = { minutes: 720, speed: 1, at: performance.now(), simulated: false };
 let playing = 0;
+let counted = false;
 
 /** Minutes of the week by the server's clock. */
 export const now = () => (reading.minutes + ((performance.now() - reading.at) / 60000) * reading.speed) % WEEK;
@@ -46,8 +47,15 @@ function showTime() {
 
 function showKind() {
   const simulated = reading.simulated ? `, clock simulated${reading.speed === 1 ? "" : `, ×${reading.speed}`}` : "";
+  const live = state.at === null && counted;
   byId("crowds-kind").textContent =
-    (shown?.live ? "going on from live counts" : "expected crowds") + (state.at === null ? simulated : "");
+    (live ? "from live counts" : "expected crowds") + (state.at === null ? simulated : "");
+}
+
+/** Say whether anything was counted lately, from which the crowds of now go on. */
+export function setCounted(some) {
+  counted = some;
+  showKind();
 }
 
 function choose(minutes) {
