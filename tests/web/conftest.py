@@ -83,7 +83,7 @@ class Server:
     address: str
 
     def ask(self, path: str) -> object:
-        with urllib.request.urlopen(f"{self.address}{path}", timeout=60) as answer:
+        with urllib.request.urlopen(f"{self.address}{path}", timeout=60) as answer:  # noqa: S310
             return json.load(answer)
 
     def send(self, path: str, body: object) -> object:

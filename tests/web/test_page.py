@@ -12,16 +12,29 @@ from playwright.sync_api import expect
 FROM, TO = "24.941400,60.171900", "24.948000,60.165500"
 ROUTE = f"#from={FROM}&to={TO}&at=Sat-17:30"
 TABS = ("routes", "leave", "reach", "walk", "crowds")
+FREE = """() => {
+  const of = (part) => document.querySelector(part).getBoundingClientRect();
+  const [map, time, panel] = [of("#map"), of(".time"), of("#panel")];
+  const wide = innerWidth >= 800;
+  return { left: map.left, right: map.right, top: wide ? map.top : time.bottom, bottom: wide ? time.top : panel.top };
+}"""
+"""The part of the map that neither the panel nor the bar of time covers."""
+DRAWN = "(layer) => sidestep.map.queryRenderedFeatures({ layers: [layer] }).map(({ properties }) => properties)"
+CAMERA = "() => [...sidestep.map.getCenter().toArray(), sidestep.map.getZoom()]"
+VIOLATIONS = """async () => (await axe.run()).violations.map(({ id, impact, nodes }) =>
+  [id, impact, nodes.map(({ target, failureSummary }) => `${target.join(" ")}: ${failureSummary}`)])"""
+SMALL = """() =>
+  [...document.querySelectorAll("button, select, input:not([type=checkbox]), summary, .planners label")]
+    .filter((node) => node.checkVisibility())
+    .map((node) => [node.id || node.className, node.getBoundingClientRect()])
+    .filter(([, box]) => box.width > 1 && (box.height < 43.5 || box.width < 43.5))
+    .map(([name, box]) => `${name}: ${box.width} by ${box.height}`)"""
 BOTH = pytest.mark.parametrize("size", ["desktop", "phone"])
 
 
 def click_map(view, share_x: float, share_y: float) -> None:
     """Click a point of the map that neither the panel nor the bar of time covers."""
-    box = view.get(
-        "() => { const of = (it) => document.querySelector(it).getBoundingClientRect(); const [map, time, panel] ="
-        "[of('#map'), of('.time'), of('#panel')]; const wide = innerWidth >= 800; return { left: map.left, right: map.right,"
-        "top: wide ? map.top : time.bottom, bottom: wide ? time.top : panel.top }; }"
-    )
+    box = view.get(FREE)
     x = box["left"] + share_x * (box["right"] - box["left"])
     y = box["top"] + share_y * (box["bottom"] - box["top"])
     view.page.mouse.click(x, y)
@@ -29,11 +42,16 @@ def click_map(view, share_x: float, share_y: float) -> None:
 
 def drawn(view, layer: str) -> list[dict]:
     """What a layer of the map shows."""
-    return view.get(
-        "(layer) => sidestep.map.getLayer(layer) === undefined ? [] : "
-        "sidestep.map.queryRenderedFeatures({ layers: [layer] }).map(({ properties }) => properties)",
-        layer,
-    )
+    return view.get(DRAWN, layer)
+
+
+def tab_to(view, name: str) -> None:
+    """Go on from control to control until one has the focus."""
+    for _ in range(40):
+        if view.get("() => document.activeElement.id") == name:
+            return
+        view.page.keyboard.press("Tab")
+    pytest.fail(f"{name} is not reached")
 
 
 def first_row(view):
@@ -167,11 +185,7 @@ def test_a_route_with_the_keyboard_alone(opened):
     keyboard.press("Tab")
     expect(view.page.locator(".skip")).to_be_focused()
     keyboard.press("Enter")
-    for _ in range(6):
-        keyboard.press("Tab")
-        if view.get("() => document.activeElement.id") == "end-from":
-            break
-    expect(view.page.locator("#end-from")).to_be_focused()
+    tab_to(view, "end-from")
     keyboard.type("kaivok")
     expect(view.page.get_by_role("option").first).to_contain_text("Kaivokatu")
     keyboard.press("ArrowDown")
@@ -179,15 +193,13 @@ def test_a_route_with_the_keyboard_alone(opened):
     expect(view.page.locator(f"#{active}")).to_have_attribute("aria-selected", "true")
     keyboard.press("Enter")
     expect(view.page.locator("#end-from")).to_have_value("Kaivokatu")
-    while view.get("() => document.activeElement.id") != "end-to":
-        keyboard.press("Tab")
+    tab_to(view, "end-to")
     keyboard.type("60.1655 24.9480")
     expect(view.page.get_by_role("option").first).to_contain_text("60.16550, 24.94800")
     keyboard.press("Enter")
     expect(first_row(view)).to_contain_text(re.compile(r"\d+"))
     view.until(lambda: drawn(view, "routes"))
-    while view.get("() => document.activeElement.id") != "tab-routes":
-        keyboard.press("Tab")
+    tab_to(view, "tab-routes")
     keyboard.press("ArrowRight")
     expect(view.page.locator("#tab-leave")).to_be_focused()
     expect(view.page.locator("#panel-leave")).to_be_visible()
@@ -203,7 +215,7 @@ def test_the_link_holds_the_view(opened):
     view.page.click("#zoom-in")
     view.until(lambda: "map=" in view.page.url)
     view.page.wait_for_timeout(900)
-    link, camera = view.page.url, view.get("() => sidestep.map.getCenter().toArray().concat(sidestep.map.getZoom())")
+    link, camera = view.page.url, view.get(CAMERA)
     assert all(
         part in link
         for part in (
@@ -219,20 +231,14 @@ def test_the_link_holds_the_view(opened):
     expect(other.page.locator("#time-shown")).to_have_text("Saturday 17:30")
     expect(other.page.locator("#tab-reach")).to_have_attribute("aria-selected", "true")
     expect(other.page.locator("#walker")).to_have_value("wheelchair")
-    assert other.get("() => sidestep.map.getCenter().toArray().concat(sidestep.map.getZoom())") == pytest.approx(
-        camera, abs=0.01
-    )
+    assert other.get(CAMERA) == pytest.approx(camera, abs=0.01)
     assert other.get("() => sidestep.state.planners") == ["shortest-path"]
 
 
 def test_links_that_make_no_sense_show_the_town(opened):
     view = opened().open("#from=1e99,x&to=&at=Someday&planners=%3Cb%3E,&tab=none&map=a/b/c&walker=%00")
-    assert view.get("() => [sidestep.state.from, sidestep.state.to, sidestep.state.at, sidestep.state.tab]") == [
-        None,
-        None,
-        None,
-        "routes",
-    ]
+    from_, to, at, tab = view.get("() => ['from', 'to', 'at', 'tab'].map((name) => sidestep.state[name])")
+    assert (from_, to, at, tab) == (None, None, None, "routes")
 
 
 def test_refusals_are_one_sentence(opened):
@@ -265,9 +271,7 @@ def test_accessibility(opened, axe, size, scheme):
             expect(view.page.locator(".curve")).to_be_visible(timeout=60000)
         if tab == "routes":
             expect(view.page.locator("#routes-body").get_by_text("Another way").first).to_be_visible(timeout=60000)
-        found = view.get(
-            "async () => (await axe.run()).violations.map(({ id, impact, nodes }) => [id, impact, nodes.map((node) => node.target.join(' ') + ': ' + node.failureSummary)])"
-        )
+        found = view.get(VIOLATIONS)
         assert found == [], tab
     assert view.get("() => document.documentElement.scrollWidth <= innerWidth")
 
@@ -276,11 +280,7 @@ def test_accessibility(opened, axe, size, scheme):
 def test_targets_are_large_enough_to_tap(opened, size):
     view = opened(size).open(ROUTE)
     view.page.click("#tab-routes")
-    small = view.get(
-        "() => [...document.querySelectorAll('button, select, input:not([type=checkbox]), summary, .planners label')]"
-        ".filter((node) => node.checkVisibility() && node.tabIndex >= -1).map((node) => [node.id || node.className, node.getBoundingClientRect()])"
-        ".filter(([, box]) => box.width > 1 && (box.height < 43.5 || box.width < 43.5)).map(([name, box]) => `${name} ${box.width}x${box.height}`)"
-    )
+    small = view.get(SMALL)
     assert small == []
 
 
