@@ -5,7 +5,7 @@ import { crowding, onCrowds, refreshCrowds, shown } from "./crowds.js";
 import { byId, make, settled, toast } from "./dom.js";
 import { flash, paint } from "./map.js";
 import { onChange, state } from "./state.js";
-import { chosen, setClock, setCounted } from "./time.js";
+import { setClock, setCounted } from "./time.js";
 
 const LISTED = 10;
 let town = null;
@@ -162,18 +162,29 @@ export function startCounts(facts, features, changed) {
   });
   showStreets();
   readSensors();
-  const day = () => Math.floor(chosen() / 1440);
+  let cut = false;
   const source = listen("events", {
     crowds: () => {
-      refreshCrowds(day());
+      refreshCrowds();
       arrived();
-      changed();
+      if (state.at === null) changed();
     },
     clock: (data) => {
       setClock(data);
-      if (state.at === null) refreshCrowds(day());
+      refreshCrowds();
     },
   });
-  source.onopen = () => (byId("wire").textContent = "live");
-  source.onerror = () => (byId("wire").textContent = "not connected");
+  source.onopen = () => {
+    if (cut) {
+      get("clock").then(setClock, () => {});
+      refreshCrowds();
+      arrived();
+    }
+    cut = false;
+    byId("wire").textContent = "live";
+  };
+  source.onerror = () => {
+    cut = true;
+    byId("wire").textContent = "not connected";
+  };
 }

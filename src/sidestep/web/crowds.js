@@ -99,10 +99,10 @@ export const shapeOfDay = (day, metres) =>
     return all > 0 ? crowded / all : 0;
   });
 
-/** Forget what was fetched: the server knows better now. */
-export function refreshCrowds(day) {
-  kept.clear();
-  showCrowds().then(() => fetchDay(day));
+/** Fetch the crowds of now anew: they go on from what was counted. Those that are expected at other times stay. */
+export function refreshCrowds() {
+  kept.delete("now");
+  if (state.at === null) showCrowds();
 }
 
 /** Begin. */

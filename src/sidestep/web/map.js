@@ -279,9 +279,9 @@ export function expectClick(end) {
 function hint() {
   const box = byId("hint");
   const next = active ?? (state.from === null ? "from" : state.to === null ? "to" : null);
-  box.hidden =
-    !map || next === null || (next === "from" && state.from !== null) || (next === "to" && state.to !== null);
-  box.textContent = next === "from" ? "Click the map where the walk begins" : "Now click where it ends";
+  box.hidden = !map || next === null;
+  const touch = matchMedia("(pointer: coarse)").matches ? "Tap" : "Click";
+  box.textContent = `${touch} the map where the walk ${next === "from" ? "begins" : "ends"}`;
 }
 
 const NUDGE = { ArrowUp: [0, -1], ArrowDown: [0, 1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };

@@ -37,7 +37,7 @@ function combobox(end) {
     autocomplete: "off",
     autocapitalize: "off",
     spellcheck: "false",
-    placeholder: end === "from" ? "Street, or click the map" : "Street, or click the map",
+    placeholder: "Street, or a point on the map",
     "aria-autocomplete": "list",
     "aria-expanded": "false",
     "aria-controls": `${id}-list`,
@@ -147,7 +147,9 @@ function combobox(end) {
     input.select();
   });
   input.addEventListener("click", () => !open() && search());
-  input.addEventListener("blur", () => {
+  input.addEventListener("blur", (event) => {
+    // Only a click on the map that follows at once is for this end.
+    if (event.relatedTarget && !event.relatedTarget.closest("#map")) expectClick(null);
     close();
     input.value = state[end] ? inWords(state[end]) : "";
   });

@@ -21,6 +21,7 @@ const OTHERS = {
   "random-progress": "fewest streets, any",
   "random-walk": "anywhere",
 };
+const WANTS = { time: "the least time", distance: "the fewest metres", exposure: "the fewest people" };
 const ALTERNATIVES = 2;
 const LIVE = new Set(["snapshot", "forecast", "darp", "clairvoyant"]);
 
@@ -357,7 +358,9 @@ function choice(id, label, options, name) {
   const select = make(
     "select",
     { id },
-    ...options.map((option, turn) => make("option", { value: turn === 0 ? "" : option, text: option })),
+    ...options.map((option, turn) =>
+      make("option", { value: turn === 0 ? "" : option, text: WANTS[option] ?? option }),
+    ),
   );
   select.value = state[name];
   if (select.selectedIndex < 0) select.value = "";
@@ -422,7 +425,7 @@ export function startRoutes(facts) {
     make(
       "div",
       { class: "choices" },
-      choice("walker", "Walker", town.walkers, "walker"),
+      choice("walker", "Walker", walkers, "walker"),
       choice("objective", "Prefer", town.objectives, "objective"),
     ),
     make("div", { id: "directions" }),
