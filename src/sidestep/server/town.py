@@ -1,5 +1,6 @@
 """The town that is served: routers, the clock, and the crowds as they are known now."""
 
+import asyncio
 import ctypes
 import gc
 import hashlib
