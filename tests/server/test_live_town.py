@@ -1,0 +1,353 @@
+"""Counts, walks and the clock over HTTP, in a town with two ways from one end to the other."""
+
+import math
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from sidestep.crowds.counts import read_counts
+from sidestep.network.formats import save_town
+from sidestep.server import under_way
+from sidestep.server.app import make_app
+from sidestep.server.replay import Client, ReplayError, hours_of, replay
+from sidestep.server.settings import KEY_VARIABLE, Settings
+
+DEGREE = 111_195.08  # m, on the equator in both directions
+PLACES = [(0, 0), (50, 0), (250, 0), (300, 0), (50, -30), (250, -30)]
+STREETS = [
+    (0, 1, "Gate"),
+    (1, 2, "Long Street"),
+    (2, 3, "Quay"),
+    (1, 4, "Back Road"),
+    (4, 5, "Back Road"),
+    (5, 2, "Back Road"),
+]
+USUAL, MANY = 100.0, 40_000.0  # persons/h
+NOON = "2024-06-01T12:00:00"
+KEY = "a-key-that-nobody-would-guess"
+WRITES = {"authorization": f"Bearer {KEY}"}
+
+
+def at(x: float, y: float) -> list[float]:
+    """Longitude and latitude of a place in metres."""
+    return [x / DEGREE, y / DEGREE]
+
+
+WEST, EAST = at(0, 0), at(300, 0)
+ROUTE = f"/route/v1/foot/{WEST[0]},{WEST[1]};{EAST[0]},{EAST[1]}?steps=true"
+
+
+@pytest.fixture(scope="module")
+def scenario(make_town, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Weeks differ, so what is counted today lasts."""
+    folder = tmp_path_factory.mktemp("live")
+    ends, names = [street[:2] for street in STREETS], tuple(street[2] for street in STREETS)
+    save_town(make_town(PLACES, ends, name=names), folder / "town.npz")
+    first, rows = datetime.fromisoformat("2024-01-01"), []
+    for hour in range(12 * 168):
+        now, factor = first + timedelta(hours=hour), (0.5, 2.0)[hour // 168 % 2]
+        rows.append(f"{now:%Y-%m-%dT%H:%M},{USUAL * factor:.0f},{USUAL * (2.5 - factor):.0f}")
+    (folder / "counts.csv").write_text("\n".join(["time,long,quay", *rows]))
+    (folder / "live.toml").write_text(f"""
+law = "weidmann"
+horizon_minutes = 60
+[place]
+streets = "town.npz"
+timezone = "UTC"
+[place.crowd_source]
+file = "counts.csv"
+reach = 20
+fitted = ["2024-01-01", "2024-03-04"]
+tested = ["2024-03-04", "2024-03-25"]
+[place.crowd_source.sensors]
+long = {at(150, 0)[::-1]}
+quay = {at(280, 0)[::-1]}
+""")
+    return folder / "live.toml"
+
+
+@pytest.fixture(scope="module")
+def client(scenario: Path) -> Iterator[httpx.Client]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is to be asked for by another name
+        from fastapi.testclient import TestClient
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(KEY_VARIABLE, KEY)
+        settings = Settings(scenario=str(scenario), store=str(scenario.with_name("store.db")), requests_per_second=1e6)
+        app = make_app(settings)
+    with TestClient(app, base_url="http://127.0.0.1") as served:
+        yield served
+
+
+@pytest.fixture(autouse=True)
+def noon(client: httpx.Client) -> None:
+    """Before each test, it is noon on a Saturday."""
+    assert client.put("/clock", json={"now": NOON, "speed": 0.001}, headers=WRITES).status_code == 200
+
+
+@pytest.fixture
+def post(client: httpx.Client) -> Callable[..., httpx.Response]:
+    """Post counts, and wait until crowds go on from them."""
+
+    def send(*rows: dict[str, Any], **headers: str) -> httpx.Response:
+        answer = client.post("/counts", json=list(rows), headers=WRITES | headers)
+        served = client.app.state.town
+        version = served.store.version()
+        for _ in range(600):
+            if served._version == version:
+                break
+            time.sleep(0.05)
+        return answer
+
+    return send
+
+
+def names(answer: httpx.Response) -> list[str]:
+    """The streets of a route."""
+    assert answer.status_code == 200, answer.text
+    return [step["name"] for step in answer.json()["routes"][0]["legs"][0]["steps"][:-1]]
+
+
+def long(count: float, time: str = "2024-06-01T11:00:00") -> dict[str, Any]:
+    return {"sensor": "long", "time": time, "count": count}
+
+
+def test_counts_change_routes_and_corrections_change_them_back(client: httpx.Client, post) -> None:
+    assert names(client.get(ROUTE)) == ["Gate", "Long Street", "Quay"]
+    assert post(long(MANY)).json() == {"accepted": 1, "new": 1, "unchanged": 0, "corrected": 0, "late": 0}
+    assert names(client.get(ROUTE)) == ["Gate", "Back Road", "Quay"]
+    crowded = client.get("/crowds?geometry=false").json()
+    # Of 40,000 persons an hour each is on a metre of street for 1 / 1.34 s, on 2 m: 4.1 persons/m².
+    assert crowded["density"][1] == pytest.approx(MANY / 3600 / 1.34 / 2, rel=0.1)
+    assert client.get("/crowds?at=Sat 12:00&geometry=false").json()["density"][1] < 0.1
+    assert post(long(MANY)).json()["unchanged"] == 1
+    assert post(long(USUAL)).json()["corrected"] == 1
+    assert names(client.get(ROUTE)) == ["Gate", "Long Street", "Quay"]
+
+
+def test_routes_of_all_kinds_go_on_from_counts(client: httpx.Client, post) -> None:
+    post(long(MANY))
+    for more in ("", "&futures=20", "&planner=snapshot", "&objective=exposure=1"):
+        assert names(client.get(ROUTE + more)) == ["Gate", "Back Road", "Quay"], more
+    # In a week nobody knows of these counts.
+    assert names(client.get(f"{ROUTE}&depart_at=2024-06-08T12:00")) == ["Gate", "Long Street", "Quay"]
+    post(long(USUAL))
+
+
+def test_what_sensors_counted(client: httpx.Client, post) -> None:
+    post(long(MANY))
+    sensors = {each["properties"]["sensor"]: each for each in client.get("/sensors").json()["features"]}
+    assert sensors["long"]["properties"]["count"] == MANY
+    assert sensors["long"]["properties"]["counted_from"] == "2024-06-01T11:00:00"
+    assert sensors["long"]["geometry"]["coordinates"] == pytest.approx(at(150, 0), abs=1e-6)
+    assert sensors["quay"]["properties"]["count"] is None
+    # The mean of a lognormal number whose logarithm has the quartiles log(50) and log(200).
+    sigma = math.log(4) / 1.349
+    assert sensors["quay"]["properties"]["expected"] == pytest.approx(USUAL * math.exp(sigma**2 / 2), rel=0.1)
+    post(long(USUAL))
+
+
+@pytest.mark.parametrize(
+    ("row", "field", "status"),
+    [
+        ({"sensor": "lomg", "time": NOON, "count": 1}, "sensor", 422),
+        (long(1, "2023-06-01T11:00"), "time", 422),
+        (long(1, "2024-06-01T13:00"), "time", 422),
+        (long(-1), "count", 422),
+        ({"sensor": "long", "time": NOON, "count": "12"}, "count", 422),
+        ({"sensor": "long", "time": NOON, "count": True}, "count", 422),
+        ({"sensor": "long", "time": NOON, "count": 1, "colour": 2}, "colour", 422),
+    ],
+)
+def test_counts_that_cannot_be_are_refused_whole(client: httpx.Client, row, field: str, status: int) -> None:
+    before = client.app.state.town.store.version()
+    answer = client.post("/counts", json=[long(5, "2024-06-01T09:00"), row], headers=WRITES)
+    assert (answer.status_code, answer.json()["field"]) == (status, field), answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert client.app.state.town.store.version() == before
+
+
+@pytest.mark.parametrize("key", [None, "", "Bearer", "Bearer wrong", f"Bearer {KEY}x", KEY[:-1]])
+@pytest.mark.parametrize(("method", "path"), [("POST", "/counts"), ("PUT", "/clock"), ("DELETE", "/clock")])
+def test_writes_need_the_key(client: httpx.Client, method: str, path: str, key: str | None) -> None:
+    headers = {} if key is None else {"authorization": key}
+    answer = client.request(method, path, json=[long(1)], headers=headers)
+    assert (answer.status_code, answer.json()["field"]) == (401, "authorization")
+
+
+def test_counts_as_csv_and_ngsi_ld(client: httpx.Client) -> None:
+    rows = "time,sensor,direction_1,direction_2\n2024-06-01T11:58,long,3,4\n2024-06-01T11:59,long,5,6\n"
+    said = client.post("/counts?seconds=60", content=rows, headers=WRITES | {"content-type": "text/csv"})
+    assert said.json()["accepted"] == 2, said.text
+    entity = {
+        "id": "urn:ngsi-ld:CrowdFlowObserved:quay", "type": "CrowdFlowObserved",
+        "dateObserved": {"type": "Property", "value": {"@type": "DateTime", "@value": "2024-06-01T11:00:00Z"}},
+        "peopleCountTowards": {"type": "Property", "value": 30}, "peopleCountAway": {"type": "Property", "value": 12},
+    }  # fmt: skip
+    notification = {"type": "Notification", "data": [entity]}
+    said = client.post("/counts", json=notification, headers=WRITES)
+    assert said.json()["new"] == 1, said.text
+    stored = client.app.state.town.store.counts_since(datetime.fromisoformat("2024-06-01T10:00:00+00:00"))
+    assert [(each.sensor, each.persons, each.towards) for each in stored if each.sensor == "quay"] == [("quay", 42, 30)]
+
+
+def test_a_store_that_is_gone_and_comes_back(client: httpx.Client, post) -> None:
+    """Routes go on, counts are refused with 503, and are taken once the store is back."""
+    file = Path(client.app.state.town.store._file._path)
+    aside = file.with_suffix(".aside")
+    file.rename(aside)
+    answer = client.post("/counts", json=[long(7, "2024-06-01T08:00")], headers=WRITES)
+    assert (answer.status_code, answer.json()["field"]) == (503, "store")
+    assert str(file) not in answer.text
+    assert names(client.get(ROUTE)) == ["Gate", "Long Street", "Quay"]
+    aside.rename(file)
+    assert post(long(7, "2024-06-01T08:00")).json()["new"] == 1
+
+
+def test_the_clock_that_a_replay_sets(client: httpx.Client) -> None:
+    said = client.get("/clock").json()
+    assert (said["now"], said["simulated"]) == ("2024-06-01T12:00:00+00:00", True)
+    assert said["hour_of_week"] == pytest.approx(5 * 24 + 12, abs=0.01)
+    assert client.delete("/clock", headers=WRITES).json()["simulated"] is False
+    for wrong in ({"now": "noon"}, {"now": NOON, "speed": 0}, {"now": NOON, "speed": "60"}, {}, {"now": NOON, "x": 1}):
+        assert client.put("/clock", json=wrong, headers=WRITES).status_code in (400, 422), wrong
+
+
+# Walks under way
+
+
+def begun(client: httpx.Client, **more: Any) -> dict[str, Any]:
+    answer = client.post("/walks", json={"origin": WEST, "destination": EAST, **more})
+    assert answer.status_code == 201, answer.text
+    return answer.json()
+
+
+def walked(said: dict[str, Any]) -> list[str]:
+    return [step["name"] for step in said["route"]["legs"][0]["steps"][:-1]]
+
+
+def test_a_walk_to_its_end(client: httpx.Client) -> None:
+    said = begun(client)
+    assert len(said["id"]) == 32
+    assert walked(said) == ["Gate", "Long Street", "Quay"]
+    assert said["p90"] >= said["p50"] == pytest.approx(300 / 1.34, rel=0.05)
+    url = f"/walks/{said['id']}/position"
+    for metres, minute in ((20, "12:00:15"), (120, "12:01:30"), (200, "12:02:30")):
+        said = client.post(url, json={"location": at(metres, 2), "time": f"2024-06-01T{minute}"}).json()
+        assert (said["changed"], said["why"], said["left_route"]) == (False, None, False)
+        assert said["route"]["distance"] == pytest.approx(300 - metres, abs=1)
+    assert said["next"]["name"] == "Quay"
+    assert said["next"]["distance"] == pytest.approx(50, abs=1)
+    assert said["next"]["location"] == pytest.approx(at(250, 0), abs=1e-5)
+    assert said["next"]["ends"] == pytest.approx(EAST, abs=1e-5)
+    assert client.get(f"/walks/{said['id']}").json() == said
+    said = client.post(url, json={"location": EAST, "time": "2024-06-01T12:04"}).json()
+    assert (said["arrived"], said["next"], said["route"]) == (True, None, None)
+    assert client.delete(f"/walks/{said['id']}").status_code == 204
+    assert client.get(f"/walks/{said['id']}").status_code == 404
+
+
+def test_a_crowd_that_is_seen_changes_the_plan(client: httpx.Client) -> None:
+    said = begun(client)
+    seen = {"location": at(40, 0), "time": "2024-06-01T12:00:30", "ahead": [{"bearing": 90.0, "density": 4.5}]}
+    said = client.post(f"/walks/{said['id']}/position", json=seen).json()
+    assert walked(said) == ["Gate", "Back Road", "Quay"]
+    assert said["changed"]
+    assert "Long Street" in said["why"]
+    assert said["seen"]
+
+
+def test_counts_change_the_plans_of_walks(client: httpx.Client, post) -> None:
+    said, served = begun(client), client.app.state.town
+    assert under_way.decide_anew(served, said["id"]) is None
+    post(long(MANY))
+    anew = under_way.decide_anew(served, said["id"])
+    assert walked(anew) == ["Gate", "Back Road", "Quay"]
+    assert anew["changed"]
+    assert client.get(f"/walks/{said['id']}").json() == anew
+    assert under_way.decide_anew(served, said["id"]) is None  # told once
+    post(long(USUAL))
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({"location": at(9000, 9000)}, "location"),
+        ({"location": [181, 0]}, "location"),
+        ({"location": at(40, 0), "time": "yesterday"}, "time"),
+        ({"location": at(40, 0), "time": "2024-06-01T11:00"}, "time"),
+        ({"location": at(40, 0), "density": -1}, "density"),
+        ({"location": at(40, 0), "ahead": [{"bearing": 90, "density": 99}]}, "ahead.0"),
+        ({"location": at(40, 0), "ahead": [{"bearing": 90, "density": 1}] * 17}, "ahead"),
+        ({"location": "here"}, "location"),
+        ({"place": at(40, 0)}, "location"),
+    ],
+)
+def test_positions_that_cannot_be(client: httpx.Client, body, field: str) -> None:
+    answer = client.post(f"/walks/{begun(client)['id']}/position", json=body)
+    assert answer.status_code in (400, 422)
+    assert answer.json()["field"] == field, answer.text
+
+
+def test_walks_that_nobody_began(client: httpx.Client) -> None:
+    for path in (f"/walks/{'0' * 32}", f"/walks/{'0' * 32}/position"):
+        answer = client.request("POST" if path.endswith("position") else "GET", path, json={"location": WEST})
+        assert (answer.status_code, answer.json()["field"]) == (404, "id")
+    assert client.get("/walks/short").status_code == 422
+
+
+# Replaying files
+
+
+class Direct(Client):
+    """Asks the app without a network."""
+
+    def __init__(self, client: httpx.Client) -> None:
+        self.client, self.asked = client, []
+
+    def ask(self, method: str, path: str, content: Any = None) -> Any:
+        self.asked.append((method, path, content))
+        answer = self.client.request(method, path, json=content, headers=WRITES)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+
+def test_a_file_that_is_replayed(client: httpx.Client, tmp_path: Path) -> None:
+    rows = ["2024-06-01T12:00,111,", "2024-06-01T13:00,222,33", "2024-06-01T14:00,333,44"]
+    (tmp_path / "day.csv").write_text("\n".join(["time,long,quay", *rows]))
+    table, direct, told = read_counts(tmp_path / "day.csv"), Direct(client), []
+    replay(direct, table, 10_000.0, datetime.fromisoformat("2024-06-01T13:00"), told.append)
+    posted = [content for method, path, content in direct.asked if path == "/counts"]
+    assert [[(row["sensor"], row["count"]) for row in each] for each in posted] == [
+        [("long", 222), ("quay", 33)], [("long", 333), ("quay", 44)],
+    ]  # fmt: skip
+    assert len(told) == 2
+    assert direct.asked[-1][:2] == ("DELETE", "/clock")
+    assert client.get("/clock").json()["simulated"] is False
+    with pytest.raises(ReplayError) as found:
+        replay(direct, table, 60.0, datetime.fromisoformat("2024-06-02T13:00"), told.append)
+    assert found.value.field == "begin"
+    (tmp_path / "other.csv").write_text("time,elsewhere\n2024-06-01T12:00,1\n2024-06-01T13:00,1\n")
+    with pytest.raises(ReplayError) as found:
+        replay(direct, read_counts(tmp_path / "other.csv"), 60.0, None, told.append)
+    assert found.value.field == "file"
+
+
+def test_hours_without_a_count_are_not_posted(tmp_path: Path) -> None:
+    (tmp_path / "gaps.csv").write_text("time,a,b\n2024-06-01T12:00,1,\n2024-06-01T13:00,,\n2024-06-01T14:00,3,4\n")
+    assert [(hour.hour, counts) for hour, counts in hours_of(read_counts(tmp_path / "gaps.csv"), None)] == [
+        (12, {"a": 1.0}), (13, {}), (14, {"a": 3.0, "b": 4.0}),
+    ]  # fmt: skip
+
+
+def test_servers_that_do_not_answer() -> None:
+    for url, field in (("ftp://here", "url"), ("here", "url"), ("http://127.0.0.1:9", "url")):
+        with pytest.raises(ReplayError) as found:
+            Client(url, None).ask("GET", "/town")
+        assert found.value.field == field
