@@ -125,7 +125,7 @@ def test_clocks_that_go_forward_in_between() -> None:
     assert found == ["02:10", "03:10", "03:10", "04:10"]
 
 
-SATURDAY = "2025-05-24T12:30"
+NOON = "2025-05-24T12:30"
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ SATURDAY = "2025-05-24T12:30"
         (TownClock(132.5, 0), TimeOfWeek(time(12, 30), 5)),
         (TownClock(-1 / 3600 % 168, 0), TimeOfWeek(time(23, 59, 59), 6)),
         (TownClock(0.0, 0, timed=False), None),
-        (TownClock(132.5, 0, datetime.fromisoformat(SATURDAY)), datetime.fromisoformat(SATURDAY)),
+        (TownClock(132.5, 0, datetime.fromisoformat(NOON)), datetime.fromisoformat(NOON)),
     ],
 )
 def test_clock_0_as_a_departure(clock: TownClock, given: object) -> None:

@@ -16,6 +16,7 @@ from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import Instance
 from sidestep.errors import SidestepError
 from sidestep.network.formats import save_town
+from sidestep.planners.base import Planner
 from sidestep.planners.random import RandomWalk
 from sidestep.planners.reactive import GreedyLocal, GreedyMap
 from sidestep.routing.deciding import LEAST_GAIN
@@ -34,6 +35,7 @@ from sidestep.walking.speed_laws import FREE_SPEED, Weidmann
 NOON = datetime.fromisoformat("2025-05-24T12:30")  # a Saturday
 EAST, SOUTH = 90, 180
 LONG_METRES, BACK_METRES = 200, 300
+MOST = 6  # crossings of a walk before the horizon
 SMALL = scenario("rush-16", side=3, crowded_nodes=1, horizon=2 * 3600.0)
 
 
@@ -387,6 +389,23 @@ def test_who_sees_nothing_believes_in_what_is_expected(walk, quiet, place) -> No
     assert found.why.startswith("a crowd of 3.0 persons/m² ahead on Long Street")
 
 
+class Wanderer(GreedyLocal):
+    """Go where it was the longest ago."""
+
+    name = "wanderer"
+
+    @staticmethod
+    def decide(_shared, _own, observation, _key) -> jax.Array:
+        return jnp.argmax(jnp.where(observation.valid, observation.local.steps_since_visit, -1))
+
+
+class With(Router):
+    """Knows one planner."""
+
+    def choose_planner(self, asked, located) -> Planner:
+        return self.planner if asked == self.planner.name else super().choose_planner(asked, located)
+
+
 def rolled_out(planner: GreedyLocal | GreedyMap, future: int) -> tuple[list[int], list[tuple[int, float, Sequence]]]:
     """The segments that a planner walks in a future; where and when it decides, and what it sees from there."""
     here = draw_map(SMALL, 2)
@@ -395,7 +414,7 @@ def rolled_out(planner: GreedyLocal | GreedyMap, future: int) -> tuple[list[int]
     whole = jnp.int32
     state, seen = reset(params, Instance(whole(0), whole(8), jnp.float32(600), whole(future)))
     walked, looks = [], []
-    while int(state.node) != 8:
+    while int(state.node) != 8 and len(walked) < MOST:
         segments = [one for one in np.asarray(params.network.exit_segment)[int(state.node)].tolist() if one >= 0]
         slot = jnp.int32(min(int(state.clock // SMALL.slot_seconds), SMALL.slots - 1))
         density = params.futures.speeds.density_at(whole(future), jnp.array(segments), slot).tolist()
@@ -407,16 +426,20 @@ def rolled_out(planner: GreedyLocal | GreedyMap, future: int) -> tuple[list[int]
     return walked, looks
 
 
-@pytest.mark.parametrize("planner", [GreedyLocal(), GreedyMap()])
+@pytest.mark.parametrize("planner", [GreedyLocal(), GreedyMap(), Wanderer()])
 @pytest.mark.parametrize("future", [0, 1, 2])
 def test_who_sees_the_same_decides_the_same(planner, future: int) -> None:
-    here = Router(SMALL, seed=2)
+    here = With(SMALL, seed=2)
+    here.planner = planner
     walked, looks = rolled_out(planner, future)
     under_way, _ = begin(here, RouteRequest(0, 8, depart=10.0, planner=planner.name))
     for segment, (node, clock, crowds) in zip(walked, looks, strict=True):
         ahead = [Ahead(segment=one, density=density) for one, density in crowds]
         under_way, found = report(here, under_way, node, clock / 60, ahead=ahead)
         assert (found.next.segment, found.seen, found.left_route) == (segment, True, False)
+    assert len(walked) > 2
+    if len(walked) == MOST:
+        return
     under_way, found = report(here, under_way, 8, clock / 60 + 10)
     assert found.arrived
     assert under_way.nodes == tuple(node for node, *_ in looks)
