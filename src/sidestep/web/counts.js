@@ -22,8 +22,10 @@ const unique = (properties) => [...new Map(properties.map((each) => [each.sensor
 const said = ({ count, counted_from: from }) => `${count} ${from}`;
 
 function paintSensors() {
-  const some = state.tab === "crowds" || sensors.some((sensor) => sensor.properties.count !== null);
-  paint("sensors", some ? sensors : []);
+  paint(
+    "sensors",
+    sensors.filter(({ properties }) => state.tab === "crowds" || properties.count !== null),
+  );
 }
 
 function showSensors() {

@@ -6,7 +6,7 @@ import { startCounts } from "./counts.js";
 import { showCrowds, startCrowds } from "./crowds.js";
 import { byId, complain, forgive, toast } from "./dom.js";
 import { startLeave } from "./leave.js";
-import { loadMap, map, startMap } from "./map.js";
+import { goTo, loadMap, map, startMap } from "./map.js";
 import { startPlaces } from "./places.js";
 import { startReach } from "./reach.js";
 import { replan, startRoutes } from "./routes.js";
@@ -105,7 +105,11 @@ async function start() {
   for (const { properties } of streets.features) metres[properties.street] = properties.metres;
   startCounts(town, streets.features, replan);
   showCrowds();
-  addEventListener("hashchange", () => change(readLink(location.hash)));
+  addEventListener("hashchange", () => {
+    const link = readLink(location.hash);
+    goTo(link.camera);
+    change(link);
+  });
   await startMap(town, streets, library);
   performance.mark("drawn");
   time.withStreets(metres);

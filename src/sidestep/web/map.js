@@ -163,14 +163,11 @@ function sensorPaint() {
   const colours = palette();
   const counted = ["!=", ["get", "count"], null];
   return {
-    "circle-radius": [
-      "+",
-      5,
-      ["*", 0.22, ["sqrt", ["max", 0, ["coalesce", ["get", "count"], ["get", "expected"], 0]]]],
-    ],
+    "circle-radius": ["case", counted, ["min", 16, ["+", 4, ["*", 0.1, ["sqrt", ["max", 0, ["get", "count"]]]]]], 3],
     "circle-color": colours.sensor,
-    "circle-opacity": ["case", counted, 0.55, 0.08],
+    "circle-opacity": ["case", counted, 0.6, 0],
     "circle-stroke-color": ["case", ["boolean", ["feature-state", "fresh"], false], colours.routes[0], colours.sensor],
+    "circle-stroke-opacity": ["case", counted, 1, 0.7],
     "circle-stroke-width": ["case", ["boolean", ["feature-state", "fresh"], false], 4, 1.5],
   };
 }
@@ -260,6 +257,11 @@ export const lookAt = (place) => {
   if (map && !inView(new gl.LngLatBounds([place.lon, place.lat], [place.lon, place.lat])))
     map.easeTo({ center: [place.lon, place.lat], duration: calm() ? 0 : 400, padding: padding() });
 };
+
+/** Show the part of the town that a link names. */
+export function goTo(camera) {
+  if (map && camera) map.jumpTo({ center: [camera.lon, camera.lat], zoom: camera.zoom });
+}
 
 /** The place in the middle of what is seen. */
 export function middle() {
@@ -452,7 +454,7 @@ export async function startMap(facts, geometry, library) {
       "aria-label",
       `Map of the streets of ${town.name}, coloured by crowding; arrow keys move it, plus and minus zoom`,
     );
-  if (state.camera) map.jumpTo({ center: [state.camera.lon, state.camera.lat], zoom: state.camera.zoom });
+  goTo(state.camera);
   map.on("moveend", () => {
     const { lng, lat } = map.getCenter();
     change({ camera: { zoom: map.getZoom(), lat, lon: lng } });

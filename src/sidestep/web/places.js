@@ -19,6 +19,14 @@ const within = (lon, lat) => {
   return lon >= west - wide && lon <= east + wide && lat >= south - high && lat <= north + high;
 };
 
+/** How long a street is, in words. */
+const length = (metres) =>
+  !Number.isFinite(metres)
+    ? ""
+    : metres < 950
+      ? `${Math.round(metres / 10) * 10} m`
+      : `${(metres / 1000).toFixed(1)} km`;
+
 /** Two numbers as a place: latitude first, as people write them, unless only the other order lies near the town. */
 function coordinates(text) {
   const found = /^\s*(-?\d{1,3}(?:\.\d+)?)\s*[,;\s]\s*(-?\d{1,3}(?:\.\d+)?)\s*$/.exec(text);
@@ -37,7 +45,7 @@ function combobox(end) {
     autocomplete: "off",
     autocapitalize: "off",
     spellcheck: "false",
-    placeholder: "Street, or a point on the map",
+    placeholder: "Street or coordinates",
     "aria-autocomplete": "list",
     "aria-expanded": "false",
     "aria-controls": `${id}-list`,
@@ -128,7 +136,7 @@ function combobox(end) {
       complain("search", null);
       const named = found.map((each) => ({
         says: each.name,
-        more: each.streets > 1 ? `${each.streets} parts` : "",
+        more: length(each.metres),
         place: () => ({ lon: each.longitude, lat: each.latitude, name: each.name }),
       }));
       offer(
@@ -154,15 +162,15 @@ function combobox(end) {
     input.value = state[end] ? inWords(state[end]) : "";
   });
   input.addEventListener("keydown", (event) => {
-    const { length } = options;
+    const last = options.length;
     if (event.key === "ArrowDown" || event.key === "ArrowUp") {
       event.preventDefault();
       if (!open()) search();
-      else if (length > 0) highlight(event.key === "ArrowDown" ? (at + 1) % length : (at <= 0 ? length : at) - 1);
+      else if (last > 0) highlight(event.key === "ArrowDown" ? (at + 1) % last : (at <= 0 ? last : at) - 1);
     } else if (event.key === "Enter") {
       event.preventDefault();
       const place = coordinates(input.value);
-      if (open() && length > 0) choose(options[Math.max(at, 0)]);
+      if (open() && last > 0) choose(options[Math.max(at, 0)]);
       else if (place) choose({ place: () => place });
     } else if (event.key === "Escape") {
       if (open()) close();

@@ -362,8 +362,14 @@ function choice(id, label, options, name) {
       make("option", { value: turn === 0 ? "" : option, text: WANTS[option] ?? option }),
     ),
   );
-  select.value = state[name];
-  if (select.selectedIndex < 0) select.value = "";
+  const show = () => {
+    const known = [...select.options].some((option) => option.value === state[name] || option.text === state[name]);
+    if (!known) select.append(make("option", { value: state[name], text: state[name] }));
+    select.value = state[name];
+    if (select.selectedIndex < 0) select.value = "";
+  };
+  onChange((changed) => changed.has(name) && show());
+  show();
   select.addEventListener("change", () => change({ [name]: select.value }));
   return make("div", { class: "choice" }, make("label", { for: id, text: label }), select);
 }
@@ -425,7 +431,12 @@ export function startRoutes(facts) {
     make(
       "div",
       { class: "choices" },
-      choice("walker", "Walker", walkers, "walker"),
+      choice(
+        "walker",
+        "Walker",
+        town.walkers.filter((kind) => kind !== "custom"),
+        "walker",
+      ),
       choice("objective", "Prefer", town.objectives, "objective"),
     ),
     make("div", { id: "directions" }),
