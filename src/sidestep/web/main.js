@@ -93,7 +93,7 @@ async function start() {
   startRoutes(town);
   startLeave();
   startReach();
-  startWalk(town);
+  startWalk();
   performance.mark("usable");
   let streets = { type: "FeatureCollection", features: [] };
   try {

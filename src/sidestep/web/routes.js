@@ -197,7 +197,8 @@ const arrow = (modifier = "") =>
         ? ARROWS.right
         : ARROWS.straight;
 
-const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+/** A text with a capital in front. */
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 const COMPASS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];
 
@@ -328,6 +329,9 @@ async function ask(planner, signal) {
     }
   }
 }
+
+/** All planners of the server, those that walkers would use first. */
+export const knownPlanners = () => planners;
 
 /** The route that is described, or the first. */
 const pickedRoute = () => rows().find((row) => row.id === picked) ?? rows()[0] ?? null;

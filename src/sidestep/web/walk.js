@@ -1,64 +1,34 @@
 // A walk played crossing by crossing: the server is told where the walker is and what it sees, and says how to go on.
 
-import { get, send } from "./api.js";
-import { byId, calm, complain, make } from "./dom.js";
+import { get, listen, send } from "./api.js";
+import { byId, calm, complain, make, toast } from "./dom.js";
+import { along, bearing, length, upTo } from "./line.js";
 import { frame, lookAt, paint, putWalker } from "./map.js";
-import { minutes, turnIcon } from "./routes.js";
-import { asked, onChange, state } from "./state.js";
+import { capital, knownPlanners, minutes, turnIcon } from "./routes.js";
+import { asked, clock, DAYS, onChange, state, WEEK } from "./state.js";
 
 const SPEEDS = [10, 30, 60, 120];
 const CROWD = 5; // persons/m² of the crowd that the reader puts ahead
+const SLOW = 1.3; // m/s where nothing says how fast
 
-let town = null;
 let walk = null;
+let starting = false;
 let speed = 30;
 let planner = "expected";
 
-const METRE = 111195.08; // of a degree of latitude
-
-function metresBetween([lon, lat], [otherLon, otherLat]) {
-  const east = (otherLon - lon) * Math.cos((lat * Math.PI) / 180);
-  return Math.hypot(east, otherLat - lat) * METRE;
-}
-
-function bearing([lon, lat], [otherLon, otherLat]) {
-  const east = (otherLon - lon) * Math.cos((lat * Math.PI) / 180);
-  return ((Math.atan2(east, otherLat - lat) * 180) / Math.PI + 360) % 360;
-}
-
-/** The part of a line up to the point nearest to a place. */
-function upTo(line, place) {
-  let [best, at] = [Infinity, 0];
-  line.forEach((point, turn) => {
-    const away = metresBetween(point, place);
-    if (turn > 0 && away < best) [best, at] = [away, turn];
-  });
-  return line.slice(0, at + 1);
-}
-
-const length = (line) => line.slice(1).reduce((sum, point, turn) => sum + metresBetween(line[turn], point), 0);
-
-/** A point some metres along a line. */
-function along(line, metres) {
-  let left = metres;
-  for (let turn = 1; turn < line.length; turn += 1) {
-    const part = metresBetween(line[turn - 1], line[turn]);
-    if (left <= part && part > 0) {
-      const share = left / part;
-      return line[turn].map((value, axis) => line[turn - 1][axis] + share * (value - line[turn - 1][axis]));
-    }
-    left -= part;
+/** The time of the walker as the server reads it: of the week where no date was chosen, and else local time. */
+function timeOf({ begins, seconds }) {
+  if (typeof begins === "string") {
+    const date = new Date(`${begins}Z`);
+    date.setTime(date.getTime() + seconds * 1000);
+    return date.toISOString().slice(0, 19);
   }
-  return line.at(-1);
+  const at = (begins + seconds / 60) % WEEK;
+  return `${DAYS[Math.floor(at / 1440)]} ${clock(at)}:${String(Math.floor(seconds) % 60).padStart(2, "0")}`;
 }
 
-const later = (text, seconds) => {
-  const date = new Date(`${text.slice(0, 19)}Z`);
-  date.setTime(date.getTime() + seconds * 1000);
-  return date.toISOString().slice(0, 19);
-};
-
-const hour = (text) => /T(\d\d:\d\d)/.exec(text ?? "")?.[1] ?? "";
+/** Hours and minutes in what the server says of a time. */
+const hour = (text) => /(\d\d:\d\d)(:\d\d)?(?!.*\d\d:\d\d)/.exec((text ?? "").slice(0, 19))?.[1] ?? "";
 
 function paintWalk() {
   if (!walk || state.tab !== "walk") {
@@ -66,110 +36,139 @@ function paintWalk() {
     putWalker(null);
     return;
   }
-  const part = (name, coordinates) => ({
-    type: "Feature",
-    geometry: { type: "LineString", coordinates },
-    properties: { part: name },
-  });
-  const lines = walk.dropped.filter((line) => line.length > 1).map((line) => part("dropped", line));
-  if (walk.line.length > 1) lines.push(part("left", walk.line));
-  if (walk.walked.length > 1) lines.push(part("walked", walk.walked));
-  paint("walk", lines);
+  const lines = [...walk.dropped.map((line) => ["dropped", line]), ["left", walk.line], ["walked", walk.walked]];
+  paint(
+    "walk",
+    lines
+      .filter(([, line]) => line.length > 1)
+      .map(([part, coordinates]) => ({
+        type: "Feature",
+        geometry: { type: "LineString", coordinates },
+        properties: { part },
+      })),
+  );
   putWalker(walk.place);
 }
 
-function log(text, { kind = "", why = "", modifier = null } = {}) {
-  const item = make(
-    "li",
-    { class: kind || null },
-    make("time", { text: hour(walk.time) }),
-    modifier === null ? make("span", { class: "turn" }) : turnIcon(modifier),
-    make("span", {}, text, why ? make("em", { text: why }) : null),
+function log(current, text, { kind = null, why = "", modifier = null } = {}) {
+  byId("walk-log").prepend(
+    make(
+      "li",
+      { class: kind },
+      make("time", { text: hour(timeOf(current)) }),
+      modifier === null ? make("span", { class: "turn" }) : turnIcon(modifier),
+      make("span", {}, text, why ? make("em", { text: why }) : null),
+    ),
   );
-  byId("walk-log").prepend(item);
 }
 
 function show() {
   const going = walk !== null && !walk.arrived;
   byId("walk-start").textContent = walk === null ? "Start the walk" : "Start again";
-  byId("walk-start").disabled = state.from === null || state.to === null;
+  byId("walk-start").disabled = starting || state.from === null || state.to === null;
   for (const id of ["walk-pause", "walk-step", "walk-crowd"]) byId(id).disabled = !going;
-  byId("walk-pause").textContent = walk?.playing ? "Pause" : "Go on";
+  byId("walk-pause").textContent = !going || walk.playing ? "Pause" : "Go on";
   byId("walk-crowd").setAttribute("aria-pressed", String(walk?.crowd === true));
-  byId("walk-says").textContent = walk === null ? "" : walk.says;
+  byId("walk-says").textContent = starting ? "Planning the walk" : (walk?.says ?? "");
+  byId("walk-says").classList.toggle("busy", starting);
   paintWalk();
 }
 
-/** How long the walk to the next crossing takes, by the pace of the whole route. */
-function secondsTo(metres) {
-  const { distance, duration } = walk.route;
-  return distance > 0 ? (metres / distance) * duration : metres / 1.3;
+/** What the walker is told, in a sentence or two. */
+function sentence(current, said) {
+  if (current.arrived) return `Arrived at ${hour(timeOf(current))}.`;
+  const crowd = said.crowd_ahead;
+  const ahead = crowd
+    ? ` Ahead: ${crowd.name}, ${crowd.crowding}, ${crowd.distance < 1 ? "from here on" : `in ${Math.round(crowd.distance)} m`}.`
+    : "";
+  const range = `half within ${minutes(said.p50)} min, 9 in 10 within ${minutes(said.p90)}`;
+  return `Arrival ${hour(said.arrival)}; ${range}.${ahead}`;
 }
 
-async function report() {
-  const current = walk;
-  const body = { location: current.place, time: current.time };
+/** Take over a plan that is another than before, and say why. */
+function takeChange(current, said) {
+  current.dropped.push(current.line);
+  const why = said.why ? `The plan changed. ${capital(said.why)}.` : "The plan changed.";
+  toast(why);
+  return why;
+}
+
+/** Tell the server where the walker is, and take over what it says. */
+async function report(current) {
+  const body = { location: current.place, time: timeOf(current) };
   if (current.crowd && current.line.length > 1) {
-    body.ahead = [{ bearing: Math.round(bearing(current.line[0], along(current.line, 12))), density: CROWD }];
+    body.ahead = [{ bearing: Math.round(bearing(current.line[0], along(current.line, 8))), density: CROWD }];
     current.crowd = false;
   }
   const said = await send("POST", `walks/${current.id}/position`, body);
   if (walk !== current) return;
   complain("walk", null);
   current.arrived = said.arrived === true;
-  if (said.route) {
-    if (said.changed) current.dropped.push(current.line);
-    current.route = said.route;
-    current.line = said.route.geometry.coordinates;
-  } else if (current.arrived) {
-    current.line = [];
-  }
   current.next = said.next;
-  const arrival = said.arrival ? ` Arrival ${hour(said.arrival)}` : "";
-  const range =
-    Number.isFinite(said.p50) && Number.isFinite(said.p90) && !current.arrived
-      ? `; half within ${minutes(said.p50)} min, 9 in 10 within ${minutes(said.p90)}.`
-      : ".";
-  current.says = current.arrived ? `Arrived at ${hour(current.time)}.` : `${arrival}${arrival ? range : ""}`.trim();
-  if (current.arrived) log("Arrived", { kind: "arrived" });
-  else if (said.next) {
-    const { name, modifier = "straight", distance } = said.next;
-    const street = name || "the path";
-    log(`${Math.round(distance)} m along ${street}`, {
-      kind: said.changed ? "changed" : "",
-      why: said.changed ? `The plan changed. ${said.why ?? ""}` : "",
-      modifier,
+  const why = said.changed ? takeChange(current, said) : "";
+  if (said.route) [current.route, current.line] = [said.route, said.route.geometry.coordinates];
+  if (current.arrived) current.line = [];
+  current.says = sentence(current, said);
+  if (current.arrived) {
+    current.events.close();
+    log(current, "Arrived", { kind: "arrived" });
+  } else if (said.next) {
+    const metres = Math.round(length(upTo(current.line, target(current))));
+    const { instruction, name, modifier } = said.next;
+    log(current, `${capital(instruction)}${name ? `: ${name}` : ""}, ${metres} m`, {
+      kind: said.changed ? "changed" : null,
+      why,
+      modifier: modifier ?? "straight",
     });
   }
   show();
 }
 
-/** Walk to the next crossing, as fast as was chosen, and report from there. */
+/** Where the walker reports next: at the crossing before it, or where it stands at that, at the one after. */
+function target({ next, line }) {
+  if (next && next.distance > 2) return next.location;
+  return next?.ends ?? line.at(-1);
+}
+
+/** Seconds that the beginning of a route takes, by the pace of its steps. */
+function secondsOf(route, metres) {
+  let [left, seconds] = [metres, 0];
+  for (const { distance, duration } of route.legs.flatMap((leg) => leg.steps)) {
+    if (distance <= 0) continue;
+    const walked = Math.min(left, distance);
+    seconds += (walked / distance) * duration;
+    left -= walked;
+    if (left <= 0) return seconds;
+  }
+  return seconds + left / SLOW;
+}
+
+/** Let the walker be seen on its way along a line; at once where motion is not wanted. */
+function move(current, part, seconds) {
+  const [metres, began] = [length(part), performance.now()];
+  return new Promise((done) => {
+    const step = (timestamp) => {
+      if (walk !== current) return done();
+      const share = Math.min(1, (Math.max(0, timestamp - began) / 1000) * (speed / seconds));
+      current.place = share < 1 ? along(part, share * metres) : part.at(-1);
+      if (!calm() || share === 1) putWalker(state.tab === "walk" ? current.place : null);
+      return share < 1 ? requestAnimationFrame(step) : done();
+    };
+    requestAnimationFrame(step);
+  });
+}
+
+/** Walk to the next crossing, as fast as was chosen. */
 async function onward(current) {
-  const target = current.next?.location ?? current.line.at(-1);
-  let part = upTo(current.line, target);
+  let part = upTo(current.line, target(current));
   if (part.length < 2 || length(part) < 0.5) part = current.line;
   if (part.length < 2) return;
-  const metres = length(part);
-  const seconds = Math.max(1, secondsTo(metres));
-  const began = performance.now();
-  await new Promise((done) => {
-    const frameOf = (timestamp) => {
-      if (walk !== current) return done();
-      const share = calm() ? 1 : Math.min(1, ((timestamp - began) / 1000) * (speed / seconds));
-      current.place = share < 1 ? along(part, share * metres) : part.at(-1);
-      putWalker(state.tab === "walk" ? current.place : null);
-      if (share < 1) requestAnimationFrame(frameOf);
-      else if (calm()) setTimeout(done, Math.min(1500, (1000 * seconds) / speed));
-      else done();
-    };
-    requestAnimationFrame(frameOf);
-  });
+  const seconds = Math.max(1, secondsOf(current.route, length(part)));
+  await move(current, part, seconds);
   if (walk !== current) return;
-  current.walked.push(...(current.walked.length > 0 ? part.slice(1) : part));
-  const rest = current.line.slice(part.length - 1);
-  current.line = rest.length > 0 ? rest : [part.at(-1)];
-  current.time = later(current.time, seconds);
+  current.walked.push(...part);
+  current.line = current.line.slice(part.length - 1);
+  current.seconds += seconds;
   lookAt({ lon: current.place[0], lat: current.place[1] });
 }
 
@@ -180,87 +179,81 @@ async function go(current, once) {
     do {
       await onward(current);
       if (walk !== current) return;
-      await report();
+      await report(current);
     } while (walk === current && current.playing && !current.arrived && !once);
   } catch (error) {
     current.playing = false;
     complain("walk", error.message);
   } finally {
     current.moving = false;
-    if (walk === current) {
-      if (current.arrived) current.playing = false;
-      show();
-    }
+    if (walk === current) show();
   }
 }
 
 async function start() {
   stop();
   byId("walk-log").replaceChildren();
+  starting = true;
+  show();
   try {
-    const [begun, clock] = await Promise.all([
-      send("POST", "walks", {
-        origin: [state.from.lon, state.from.lat],
-        destination: [state.to.lon, state.to.lat],
-        planner,
-        ...(state.walker ? { walker: state.walker } : {}),
-        ...(state.objective ? { objective: state.objective } : {}),
-        ...(state.at === null ? {} : { depart_at: asked(state.at) }),
-      }),
-      get("clock"),
-    ]);
+    const begins = state.at ?? (await get("clock")).now.slice(0, 19);
+    const begun = await send("POST", "walks", {
+      origin: [state.from.lon, state.from.lat],
+      destination: [state.to.lon, state.to.lat],
+      planner,
+      depart_at: asked(state.at) ?? begins,
+      ...(state.walker ? { walker: state.walker } : {}),
+      ...(state.objective ? { objective: state.objective } : {}),
+    });
     complain("walk", null);
     const line = begun.route.geometry.coordinates;
-    // The walk begins when it arrives, less the time it takes.
-    const time =
-      begun.departure ?? (begun.arrival ? later(begun.arrival, -begun.route.duration) : clock.now.slice(0, 19));
-    walk = {
+    const current = {
       id: begun.id,
       route: begun.route,
       line,
       place: line[0],
-      time,
+      begins,
+      seconds: 0,
       walked: [],
       dropped: [],
-      next: null,
-      arrived: false,
-      crowd: false,
-      playing: true,
-      moving: false,
-      says: "",
     };
-    log(`Set out, ${planner}: ${minutes(begun.route.duration)} min expected`, { kind: "set-out" });
+    Object.assign(current, { next: null, arrived: false, crowd: false, playing: true, moving: false, says: "" });
+    // New counts may change the plan; from the next crossing on the walker follows it.
+    current.events = listen(`walks/${begun.id}/events`, {
+      plan: (said) => {
+        if (walk === current && said.changed)
+          log(current, "Counts came", { kind: "changed", why: takeChange(current, said) });
+      },
+    });
+    walk = current;
+    starting = false;
+    log(current, `Set out, ${planner}: ${minutes(begun.route.duration)} min expected`, { kind: "set-out" });
     frame(line, { keep: true });
-    await report();
-    go(walk, false);
+    await report(current);
+    go(current, false);
   } catch (error) {
     complain("walk", error.message);
   }
+  starting = false;
   show();
 }
 
 function stop() {
-  if (walk && !walk.arrived) send("DELETE", `walks/${walk.id}`).catch(() => {});
+  walk?.events.close();
+  if (walk && !walk.arrived) send("DELETE", `walks/${walk.id}`).catch(() => {}); // it would be forgotten anyway
   walk = null;
 }
 
 /** Begin. */
-export function startWalk(facts) {
-  town = facts;
-  const who = make(
-    "select",
-    { id: "walk-planner" },
-    ...town.planners.map((name) => make("option", { value: name, text: name })),
-  );
+export function startWalk() {
+  const option = (value, text) => make("option", { value, text });
+  const who = make("select", { id: "walk-planner" }, ...knownPlanners().map((name) => option(name, name)));
   who.value = planner;
   who.addEventListener("change", () => (planner = who.value));
-  const pace = make(
-    "select",
-    { id: "walk-speed" },
-    ...SPEEDS.map((times) => make("option", { value: times, text: `${times} × as fast` })),
-  );
+  const pace = make("select", { id: "walk-speed" }, ...SPEEDS.map((times) => option(times, `${times} × as fast`)));
   pace.value = String(speed);
   pace.addEventListener("change", () => (speed = Number(pace.value)));
+  const choice = (control, text) => make("div", { class: "choice" }, make("label", { for: control.id, text }), control);
   const button = (id, text, onclick, kind = "chip") =>
     make("button", { id, type: "button", class: kind, text, onclick });
   byId("panel-walk").append(
@@ -268,12 +261,7 @@ export function startWalk(facts) {
       class: "lead",
       text: "A walker reports from every crossing and is told how to go on. Put a crowd ahead, and see whether it walks round it.",
     }),
-    make(
-      "div",
-      { class: "choices" },
-      make("div", { class: "choice" }, make("label", { for: "walk-planner", text: "Planner" }), who),
-      make("div", { class: "choice" }, make("label", { for: "walk-speed", text: "Pace" }), pace),
-    ),
+    make("div", { class: "choices" }, choice(who, "Planner"), choice(pace, "Pace")),
     make(
       "div",
       { class: "row" },
@@ -293,7 +281,7 @@ export function startWalk(facts) {
         show();
       }),
     ),
-    make("p", { id: "walk-says", class: "finding", role: "status" }),
+    make("p", { id: "walk-says", class: "finding" }),
     make("ol", { id: "walk-log", class: "log", reversed: true }),
   );
   onChange((changed) => {
@@ -303,5 +291,6 @@ export function startWalk(facts) {
     }
     if (changed.has("from") || changed.has("to") || changed.has("tab")) show();
   });
+  addEventListener("pagehide", stop);
   show();
 }

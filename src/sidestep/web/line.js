@@ -1,0 +1,38 @@
+// Lines on the ground: lists of longitudes and latitudes, with lengths in metres.
+
+const METRES = 111195.08; // of a degree of latitude
+
+const east = ([lon, lat], [otherLon]) => (otherLon - lon) * Math.cos((lat * Math.PI) / 180);
+
+/** Metres from one point to another. */
+export const metresBetween = (one, other) => Math.hypot(east(one, other), other[1] - one[1]) * METRES;
+
+/** In which direction another point lies, degrees clockwise from north. */
+export const bearing = (one, other) => ((Math.atan2(east(one, other), other[1] - one[1]) * 180) / Math.PI + 360) % 360;
+
+/** Metres of a line. */
+export const length = (line) => line.slice(1).reduce((sum, point, turn) => sum + metresBetween(line[turn], point), 0);
+
+/** The part of a line up to its point nearest to a place, of such points the first. */
+export function upTo(line, place) {
+  let [best, at] = [Infinity, 0];
+  line.forEach((point, turn) => {
+    const away = metresBetween(point, place);
+    if (turn > 0 && away < best - 0.5) [best, at] = [away, turn];
+  });
+  return line.slice(0, at + 1);
+}
+
+/** A point some metres along a line. */
+export function along(line, metres) {
+  let left = metres;
+  for (let turn = 1; turn < line.length; turn += 1) {
+    const part = metresBetween(line[turn - 1], line[turn]);
+    if (left <= part && part > 0) {
+      const share = left / part;
+      return line[turn].map((value, axis) => line[turn - 1][axis] + share * (value - line[turn - 1][axis]));
+    }
+    left -= part;
+  }
+  return line.at(-1);
+}
