@@ -22,7 +22,9 @@ from sidestep.network.snapping import Snapper, StreetPoint
 from sidestep.network.town import Town
 from sidestep.routing.directions import Leg
 from sidestep.server.app import make_app
-from sidestep.server.osrm import Hinter, Stretch, modifier, read_coordinates
+from sidestep.server.hints import Hinter
+from sidestep.server.osrm import Stretch, modifier
+from sidestep.server.osrm_options import read_coordinates
 from sidestep.server.problems import ProblemError
 from sidestep.server.settings import Settings
 

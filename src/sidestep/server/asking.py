@@ -7,7 +7,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
 from starlette.responses import Response
 
-from sidestep.server.osrm import PLANNER, read_coordinates
+from sidestep.server.osrm_options import PLANNER, read_coordinates
 from sidestep.server.problems import JsonResponse, ProblemError
 from sidestep.server.town import ServedTown
 

@@ -5,16 +5,16 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from sidestep.server import osrm, planning
+from sidestep.server import osrm_options, planning
 from sidestep.server.asking import body_of, takes, town_of
-from sidestep.server.osrm import NearestOptions, RouteOptions, TableOptions, check_profile, read_coordinates
+from sidestep.server.osrm_options import NearestOptions, RouteOptions, TableOptions, check_profile, read_coordinates
 from sidestep.server.problems import JsonResponse
 
 router = APIRouter(tags=["OSRM"])
 
 
 async def _planned(
-    request: Request, coordinates: osrm.Coordinates, options: RouteOptions, avoid: dict[str, Any] | None
+    request: Request, coordinates: osrm_options.Coordinates, options: RouteOptions, avoid: dict[str, Any] | None
 ) -> Response:
     served = town_of(request)
     quick = planning.is_quick(served, options, avoid)
@@ -24,7 +24,7 @@ async def _planned(
     return JsonResponse(await aside(lambda: planning.route(served, coordinates, options, avoid)))
 
 
-async def _nearest(request: Request, coordinates: osrm.Coordinates, options: NearestOptions) -> Response:
+async def _nearest(request: Request, coordinates: osrm_options.Coordinates, options: NearestOptions) -> Response:
     served = town_of(request)
     if served.is_made(options.walker):
         return JsonResponse(planning.nearest(served, coordinates, options))
@@ -40,12 +40,12 @@ async def route(
     return await _planned(request, read_coordinates(coordinates), options, None)
 
 
-@router.post("/route/v1/{profile}", openapi_extra=takes(osrm.RouteBody))
+@router.post("/route/v1/{profile}", openapi_extra=takes(osrm_options.RouteBody))
 async def route_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body, which may have areas to avoid."""
     check_profile(profile)
-    body = await body_of(request, osrm.RouteBody)
-    return await _planned(request, osrm.check_coordinates(body.coordinates), body, body.avoid)
+    body = await body_of(request, osrm_options.RouteBody)
+    return await _planned(request, osrm_options.check_coordinates(body.coordinates), body, body.avoid)
 
 
 @router.get("/table/v1/{profile}/{coordinates:path}")
@@ -58,12 +58,12 @@ async def table(
     return JsonResponse(await served.heavily(lambda: planning.table(served, places, options)))
 
 
-@router.post("/table/v1/{profile}", openapi_extra=takes(osrm.TableBody))
+@router.post("/table/v1/{profile}", openapi_extra=takes(osrm_options.TableBody))
 async def table_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)
-    served, body = town_of(request), await body_of(request, osrm.TableBody)
-    places = osrm.check_coordinates(body.coordinates)
+    served, body = town_of(request), await body_of(request, osrm_options.TableBody)
+    places = osrm_options.check_coordinates(body.coordinates)
     return JsonResponse(await served.heavily(lambda: planning.table(served, places, body)))
 
 
@@ -76,9 +76,9 @@ async def nearest(
     return await _nearest(request, read_coordinates(coordinates), options)
 
 
-@router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm.NearestBody))
+@router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm_options.NearestBody))
 async def nearest_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)
-    body = await body_of(request, osrm.NearestBody)
-    return await _nearest(request, osrm.check_coordinates(body.coordinates), body)
+    body = await body_of(request, osrm_options.NearestBody)
+    return await _nearest(request, osrm_options.check_coordinates(body.coordinates), body)

@@ -14,8 +14,10 @@ from sidestep.planners.registry import BASELINE
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.quick import QuickRouter
 from sidestep.routing.request import RouteError, RouteRequest, read_departure
-from sidestep.server import osrm
-from sidestep.server.osrm import Coordinates, Pair, Stretch, Walk
+from sidestep.server import osrm, osrm_options
+from sidestep.server.hints import rounded
+from sidestep.server.osrm import Stretch, Walk
+from sidestep.server.osrm_options import Coordinates, Pair
 from sidestep.server.problems import ProblemError
 from sidestep.server.town import FEW, ServedTown
 
@@ -28,7 +30,7 @@ FEW_FUTURES = 1
 """Futures that are simulated where nobody asks for their times."""
 
 
-def snapped(served: ServedTown, coordinates: Coordinates, options: osrm.General) -> list[StreetPoint]:
+def snapped(served: ServedTown, coordinates: Coordinates, options: osrm_options.General) -> list[StreetPoint]:
     """Find coordinates on the streets.
 
     Parameters
@@ -51,7 +53,7 @@ def snapped(served: ServedTown, coordinates: Coordinates, options: osrm.General)
         given = getattr(options, field)
         if given in ([], [""]):  # as if it were not there
             continue
-        osrm.check_number(field, given, count)
+        osrm_options.check_number(field, given, count)
     snapper = _quick(served, options).snapper
     found = []
     for number, (longitude, latitude) in enumerate(coordinates):
@@ -67,7 +69,7 @@ def snapped(served: ServedTown, coordinates: Coordinates, options: osrm.General)
 
 
 def _nearest(
-    snapper: Snapper, coordinate: Pair, bearing: osrm.Bearing | None = None, number: int = 1
+    snapper: Snapper, coordinate: Pair, bearing: osrm_options.Bearing | None = None, number: int = 1
 ) -> list[StreetPoint]:
     """The nearest streets, of those in a bearing if there is one; ProblemError (``NoSegment``) where there are none."""
     longitude, latitude = coordinate
@@ -88,14 +90,14 @@ def _nearest(
     return found[:number]
 
 
-def _leads(snapper: Snapper, point: StreetPoint, bearing: osrm.Bearing) -> bool:
+def _leads(snapper: Snapper, point: StreetPoint, bearing: osrm_options.Bearing) -> bool:
     """Whether people may walk along a street in a bearing."""
     along, (value, most) = snapper.bearing(point), bearing
     ways = [along] if snapper.town.one_way[point.street] else [along, along + 180]
     return any(abs((way - value + 180) % 360 - 180) <= most for way in ways)
 
 
-def _quick(served: ServedTown, options: osrm.General) -> QuickRouter:
+def _quick(served: ServedTown, options: osrm_options.General) -> QuickRouter:
     return served.routers(options.walker, None).quick
 
 
@@ -103,7 +105,7 @@ def waypoints(
     served: ServedTown,
     coordinates: Sequence[Pair],
     points: Sequence[StreetPoint],
-    options: osrm.General,
+    options: osrm_options.General,
     places: Sequence[Pair] | None = None,
 ) -> list[dict[str, Any]]:
     """The coordinates on the streets, in OSRM's shape.
@@ -130,7 +132,7 @@ def waypoints(
     return found
 
 
-def is_quick(served: ServedTown, options: osrm.RouteOptions, avoid: object) -> bool:
+def is_quick(served: ServedTown, options: osrm_options.RouteOptions, avoid: object) -> bool:
     """Whether a route needs no more than a search by expected times, which takes a millisecond."""
     asked = options.planner or (None if served.has_model else BASELINE)
     objective = options.objective or ("time" if served.scenario.objective.to_json() is None else None)
@@ -139,7 +141,10 @@ def is_quick(served: ServedTown, options: osrm.RouteOptions, avoid: object) -> b
 
 
 def route(
-    served: ServedTown, coordinates: Coordinates, options: osrm.RouteOptions, avoid: dict[str, Any] | None = None
+    served: ServedTown,
+    coordinates: Coordinates,
+    options: osrm_options.RouteOptions,
+    avoid: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Plan a route through some places.
 
@@ -162,14 +167,14 @@ def route(
     SidestepError
         What no route answers, with the parameter as its field.
     """
-    annotations = osrm.checked_annotations(options.annotations, osrm.ANNOTATIONS)
-    if options.alternatives > osrm.MOST_ALTERNATIVES:
-        said = f"there may be {osrm.MOST_ALTERNATIVES} alternatives at most"
+    annotations = osrm_options.checked_annotations(options.annotations, osrm_options.ANNOTATIONS)
+    if options.alternatives > osrm_options.MOST_ALTERNATIVES:
+        said = f"there may be {osrm_options.MOST_ALTERNATIVES} alternatives at most"
         raise ProblemError(400, said, field="alternatives", code="TooBig")
     _check_two(coordinates)
     if len(coordinates) > 2 and options.alternatives:  # clients ask for them without looking
         options = options.model_copy(update={"alternatives": 0})
-    stops = osrm.check_indices("waypoints", options.waypoints, len(coordinates))
+    stops = osrm_options.check_indices("waypoints", options.waypoints, len(coordinates))
     if stops[0] != 0 or stops[-1] != len(coordinates) - 1 or sorted(set(stops)) != [*stops]:
         said = "waypoints must begin with the first coordinate, end with the last, and rise"
         raise ProblemError(400, said, field="waypoints", code="InvalidValue")
@@ -196,7 +201,7 @@ def _places(walk: Walk, points: Sequence[StreetPoint], stops: Sequence[int]) -> 
     """Where the stops are on the route; those between them are where they were found."""
     places = [point.place[::-1] for point in points]
     for (before, after), stretch in zip(pairwise(stops), walk.stretches, strict=True):
-        places[before], places[after] = osrm.rounded(stretch.course[0]), osrm.rounded(stretch.course[-1])
+        places[before], places[after] = rounded(stretch.course[0]), rounded(stretch.course[-1])
     return places
 
 
@@ -205,14 +210,14 @@ def _quick_walk(
     coordinates: Coordinates,
     points: Sequence[StreetPoint],
     stops: Sequence[int],
-    options: osrm.RouteOptions,
+    options: osrm_options.RouteOptions,
 ) -> Walk:
     """A walk by expected times from place to place; ProblemError (``NoRoute``) where no path leads."""
     router = served.routers(options.walker, None)
     quick, departs = router.quick, served.departs(options.depart_at, router=router)
     stretches: list[Stretch] = []
     legs: list[Leg] = []
-    clock, begins, excluded = departs, points[0].place[::-1], osrm.excluded(options)
+    clock, begins, excluded = departs, points[0].place[::-1], osrm_options.excluded(options)
     for number, (before, after) in enumerate(pairwise(points), start=1):
         try:
             found = quick.route(before, after, clock, excluded)
@@ -224,7 +229,7 @@ def _quick_walk(
             steps = quick.steps(legs) if options.steps else []
             stretch = Stretch(legs, steps, begins, coordinates[number])
             stretches.append(stretch)
-            legs, begins = [], osrm.rounded(stretch.course[-1])
+            legs, begins = [], rounded(stretch.course[-1])
     return Walk(
         stretches=stretches,
         planner=BASELINE,
@@ -242,7 +247,7 @@ def _planned_walks(
     served: ServedTown,
     coordinates: Coordinates,
     points: Sequence[StreetPoint],
-    options: osrm.RouteOptions,
+    options: osrm_options.RouteOptions,
     avoid: dict[str, Any] | None,
 ) -> list[Walk]:
     """A walk by any planner, and alternatives to it."""
@@ -268,7 +273,7 @@ def _planned_walks(
         alternatives=options.alternatives,
         arrive_by=deadline,
         confidence=options.confidence,
-        exclude=osrm.excluded(options),
+        exclude=osrm_options.excluded(options),
     )
     try:
         plan = router.answer(request)
@@ -299,7 +304,7 @@ def walk_of(plan: RoutePlan) -> Walk:
     return _walk_of(plan, (place.longitude or 0.0, place.latitude or 0.0), timed=True, scene=plan)
 
 
-def table(served: ServedTown, coordinates: Coordinates, options: osrm.TableOptions) -> dict[str, Any]:
+def table(served: ServedTown, coordinates: Coordinates, options: osrm_options.TableOptions) -> dict[str, Any]:
     """Times and lengths of the walks from many places to many others.
 
     Parameters
@@ -317,15 +322,15 @@ def table(served: ServedTown, coordinates: Coordinates, options: osrm.TableOptio
     SidestepError
         What no table answers, with the parameter as its field.
     """
-    wanted = osrm.checked_annotations(options.annotations, ("duration", "distance"))
+    wanted = osrm_options.checked_annotations(options.annotations, ("duration", "distance"))
     _check_two(coordinates)
-    sources = osrm.check_indices("sources", options.sources, len(coordinates))
-    destinations = osrm.check_indices("destinations", options.destinations, len(coordinates))
+    sources = osrm_options.check_indices("sources", options.sources, len(coordinates))
+    destinations = osrm_options.check_indices("destinations", options.destinations, len(coordinates))
     points = snapped(served, coordinates, options)
     router = served.routers(options.walker, None)
     departs = served.departs(options.depart_at, router=router)
     froms, tos = ([points[number] for number in numbers] for numbers in (sources, destinations))
-    seconds, metres = router.quick.matrix(froms, tos, departs, osrm.excluded(options))
+    seconds, metres = router.quick.matrix(froms, tos, departs, osrm_options.excluded(options))
     found: dict[str, Any] = {"code": "Ok"}
     seconds *= options.scale_factor
     if options.fallback_speed is not None:
@@ -352,7 +357,7 @@ def _cells(numbers: Any) -> list[list[float | None]]:
     return rounded.tolist()
 
 
-def nearest(served: ServedTown, coordinates: Coordinates, options: osrm.NearestOptions) -> dict[str, Any]:
+def nearest(served: ServedTown, coordinates: Coordinates, options: osrm_options.NearestOptions) -> dict[str, Any]:
     """The streets nearest to a place.
 
     Parameters

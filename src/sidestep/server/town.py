@@ -39,7 +39,7 @@ from sidestep.scenarios.reader import find_scenario
 from sidestep.scenarios.walkers import WALKERS, read_walkers
 from sidestep.server.count_formats import read_posted
 from sidestep.server.desk import Desk
-from sidestep.server.osrm import Hinter
+from sidestep.server.hints import Hinter
 from sidestep.server.problems import ProblemError
 from sidestep.server.settings import Settings
 from sidestep.server.store import Store

@@ -12,7 +12,7 @@ from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import RouteRequest, at_fault, read_departure
 from sidestep.routing.router import Router
 from sidestep.routing.under_way import Ahead, Decision, WalkUnderWay
-from sidestep.server import osrm
+from sidestep.server import osrm, osrm_options
 from sidestep.server.planning import walk_of
 from sidestep.server.problems import ProblemError
 from sidestep.server.store import LONGEST_WALK
@@ -25,7 +25,7 @@ MOST_AHEAD = 16
 
 Pair = tuple[float, float]
 Text = Annotated[str, Field(max_length=200)]
-OPTIONS = osrm.RouteOptions(steps=True, geometries="geojson", overview="full")
+OPTIONS = osrm_options.RouteOptions(steps=True, geometries="geojson", overview="full")
 """How the routes of walks are told."""
 
 
@@ -88,7 +88,7 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
     """
     for field, place in (("origin", asked.origin), ("destination", asked.destination)):
         with at_fault(field):
-            osrm.check_coordinates([place])
+            osrm_options.check_coordinates([place])
     request = RouteRequest(
         origin=asked.origin[::-1],
         destination=asked.destination[::-1],
@@ -123,7 +123,7 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
     """
     walk, router, state = _found(served, walk_id)
     with at_fault("location"):
-        osrm.check_coordinates([position.location])
+        osrm_options.check_coordinates([position.location])
     time = read_departure(position.time, "time") if position.time is not None else served.asked("time", None)
     ahead = [Ahead(bearing=each.bearing, density=each.density) for each in position.ahead]
     walk, decision = walks.report(

@@ -1,0 +1,80 @@
+"""Hints of OSRM: places on streets as text that clients send back."""
+
+import base64
+import struct
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from sidestep.network.snapping import StreetPoint
+from sidestep.network.town import Town
+from sidestep.server.osrm_options import Pair
+
+_HINT = struct.Struct("<IIdii")
+DIGITS = 6
+"""Of degrees, as OSRM has them: clients look for waypoints among the points of a line, which must be the same."""
+DEGREE = 111_195.08
+"""Metres of a degree of latitude."""
+
+
+class Hinter:
+    """Writes places on streets as text that clients send back, so that these are not looked for again.
+
+    Parameters
+    ----------
+    town
+        The streets; hints of other streets are ignored.
+    """
+
+    def __init__(self, town: Town) -> None:
+        self._town = town
+        self._sum = zlib.crc32(town.points.tobytes())
+
+    def hint(self, point: StreetPoint, coordinate: Pair) -> str:
+        """Text for a place on a street, found for a longitude and a latitude."""
+        return base64.urlsafe_b64encode(
+            _HINT.pack(self._sum, point.street, point.fraction, *_fixed(coordinate))
+        ).decode()
+
+    def point(self, hint: str | None, longitude: float, latitude: float) -> StreetPoint | None:
+        """The place on a street that a hint says.
+
+        Parameters
+        ----------
+        hint
+            Text of :meth:`hint`; anything else is ignored.
+        longitude, latitude
+            Degrees of the place that is asked for.
+
+        Returns
+        -------
+        StreetPoint or None
+            None where it must be looked for, as for other coordinates than those of the hint.
+        """
+        try:
+            total, street, fraction, *coordinate = _HINT.unpack(base64.urlsafe_b64decode(hint or ""))
+        except (ValueError, struct.error):
+            return None
+        town = self._town
+        if total != self._sum or not (0 <= street < town.streets and 0 <= fraction <= 1):
+            return None
+        if tuple(coordinate) != _fixed((longitude, latitude)):
+            return None
+        course = town.project(town.course(street))
+        along = np.append(0.0, np.linalg.norm(np.diff(course, axis=0), axis=1).cumsum())
+        at = np.array([np.interp(fraction * along[-1], along, column) for column in course.T])
+        away = float(np.linalg.norm(town.project(np.array([longitude, latitude])) - at))
+        there = town.projection.unproject(at).tolist()
+        return StreetPoint(street, fraction, away, (there[1], there[0]))
+
+
+def _fixed(coordinate: Pair) -> tuple[int, int]:
+    longitude, latitude = coordinate
+    return round(longitude * 10**DIGITS), round(latitude * 10**DIGITS)
+
+
+def rounded(place: Sequence[float]) -> Pair:
+    """A longitude and latitude with as many digits as all places have in answers."""
+    longitude, latitude = place
+    return round(longitude, DIGITS), round(latitude, DIGITS)
