@@ -76,11 +76,16 @@ def axe(from_npm) -> str:
     return script.read_text(encoding="utf-8")
 
 
+CLASSES = """(streets) => Array.from({ length: streets }, (_, street) =>
+  sidestep.map.getFeatureState({ source: "streets", id: street }).crowd ?? 0)"""
+
+
 @dataclass
 class Server:
     """A running ``sidestep serve``."""
 
     address: str
+    streets: int = 0
 
     def ask(self, path: str) -> object:
         with urllib.request.urlopen(f"{self.address}{path}", timeout=60) as answer:  # noqa: S310
@@ -126,7 +131,7 @@ def server(files, tmp_path_factory) -> Iterator[Server]:  # noqa: ARG001 # the p
     reading = threading.Thread(target=process.stderr.read, daemon=True)  # or its log would fill the pipe
     reading.start()
     running = Server(address)
-    running.ask("/readyz")
+    running.streets = running.ask("/town")["streets"]
     yield running
     process.terminate()
     process.wait(30)
@@ -175,10 +180,7 @@ class View:
 
     def classes(self) -> list[int]:
         """Of every street the class of crowding that it is drawn in."""
-        return self.get(
-            "() => sidestep.map.getStyle().sources.streets.data.features.map(({ properties: { street } }) => "
-            "sidestep.map.getFeatureState({ source: 'streets', id: street }).crowd ?? 0)"
-        )
+        return self.get(CLASSES, self.server.streets)
 
 
 @pytest.fixture
