@@ -64,6 +64,7 @@ function showTown(town) {
   byId("town").textContent = town.name;
   byId("town").title = town.summary ?? "";
   document.title = `Sidestep: ${town.name}`;
+  byId("credit").textContent = town.attribution;
   byId("attribution").textContent = `Streets: ${town.attribution}. Crowds: ${town.crowds}.`;
   byId("synthetic").textContent = `Synthetic: ${town.synthetic}.`;
   byId("synthetic").hidden = !town.synthetic;

@@ -109,7 +109,12 @@ function style() {
         type: "line",
         source: "routes",
         layout: { "line-cap": "butt", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] },
-        paint: { "line-color": routeColour(), "line-width": routeWidth(0), "line-dasharray": dashes },
+        paint: {
+          "line-color": routeColour(),
+          "line-width": routeWidth(0),
+          "line-dasharray": dashes,
+          "line-opacity": ["case", ["any", ["get", "picked"], ["get", "first"]], 1, 0.6],
+        },
       },
       {
         id: "walk-casing",
@@ -153,6 +158,23 @@ function style() {
           "symbol-sort-key": ["-", 0, ["get", "metres"]],
         },
         paint: { "text-color": colours.label, "text-halo-color": colours.halo, "text-halo-width": 1.8 },
+      },
+      {
+        id: "reach-minutes",
+        type: "symbol",
+        source: "reach",
+        layout: {
+          "symbol-placement": "line",
+          "symbol-spacing": 260,
+          "text-field": ["concat", ["to-string", ["get", "minutes"]], " min"],
+          "text-font": ["system-ui bold"],
+          "text-size": 12,
+        },
+        paint: {
+          "text-color": oneOf(["get", "ring"], colours.reachText),
+          "text-halo-color": colours.halo,
+          "text-halo-width": 2,
+        },
       },
       { id: "sensors", type: "circle", source: "sensors", paint: sensorPaint() },
     ],

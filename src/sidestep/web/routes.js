@@ -60,10 +60,10 @@ function paintRoutes() {
     "routes",
     all
       .filter((row) => row.turn === 0 || row.id === picked || picked?.startsWith(`${row.planner}:`))
-      .map(({ id, planner, route }) => ({
+      .map(({ id, planner, turn, route }) => ({
         type: "Feature",
         geometry: route.geometry,
-        properties: { id, planner, style: style(planner), picked: id === picked },
+        properties: { id, planner, style: style(planner), picked: id === picked, first: turn === 0 },
       })),
   );
 }

@@ -9,6 +9,7 @@ const STEP = 15;
 let reading = { minutes: 720, speed: 1, at: performance.now(), simulated: false };
 let playing = 0;
 let counted = false;
+let synthetic = false;
 
 /** Minutes of the week by the server's clock. */
 export const now = () => (reading.minutes + ((performance.now() - reading.at) / 60000) * reading.speed) % WEEK;
@@ -48,8 +49,12 @@ function showTime() {
 function showKind() {
   const simulated = reading.simulated ? `, clock simulated${reading.speed === 1 ? "" : `, ×${reading.speed}`}` : "";
   const live = state.at === null && counted;
-  byId("crowds-kind").textContent =
-    (live ? "from live counts" : "expected crowds") + (state.at === null ? simulated : "");
+  const kind = live ? ["from live", " counts"] : ["expected", " crowds"];
+  byId("crowds-kind").replaceChildren(
+    kind[0],
+    make("span", { class: "wide", text: kind[1] }),
+    (synthetic ? ", synthetic" : "") + (state.at === null ? simulated : ""),
+  );
 }
 
 /** Say whether anything was counted lately, from which the crowds of now go on. */
@@ -99,6 +104,7 @@ function showShape(day, metres) {
 
 /** Begin. */
 export async function startTime(town) {
+  synthetic = Boolean(town.synthetic);
   let metres = [];
   byId("day").append(...DAYS.map((_, day) => make("option", { value: day, text: dayName(day * 1440) })));
   byId("day-shape").setAttribute("viewBox", "0 0 24 1");
