@@ -15,6 +15,7 @@ import asyncio
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 import tempfile
@@ -101,6 +102,12 @@ def _ready(port: int) -> dict[str, object]:
         return {}
 
 
+def free_port() -> int:
+    """A port that nobody listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
+
+
 def memory(process: subprocess.Popen[bytes]) -> float:
     """Megabytes that a process holds."""
     pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
@@ -121,7 +128,7 @@ def prepared(osrm: Path, extract: Path, folder: Path) -> list[str]:
             [str(osrm / "bin" / str(program)), *map(str, rest)],
             check=True, env=os.environ | {"LUA_PATH": f"{share}/?.lua;;"}, stdout=subprocess.DEVNULL,
         )  # fmt: skip
-    return [str(osrm / "bin" / "osrm-routed"), "-a", "CH", "-t", "1", "-i", "127.0.0.1", "-p", "5009", str(base)]
+    return [str(osrm / "bin" / "osrm-routed"), "-a", "CH", "-t", "1", "-i", "127.0.0.1", str(base)]
 
 
 def main() -> None:
@@ -144,20 +151,22 @@ def main() -> None:
     rows: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         serve = [sys.executable, "-m", "sidestep", "serve", "helsinki", "--rate", "1000000"]
-        serve += ["--port", "8123", "--store", str(Path(folder) / "store.db")]
-        with server(serve, 8123) as process:
+        port = free_port()
+        serve += ["--port", str(port), "--store", str(Path(folder) / "store.db")]
+        with server(serve, port) as process:
             for name, paths in kinds.items():
-                rows[name] = measured(8123, paths, given.requests)
+                rows[name] = measured(port, paths, given.requests)
             rows["/route, expected"]["megabytes"] = memory(process)
             if given.many:
-                again = measured(8123, routes, given.many)
+                again = measured(port, routes, given.many)
                 rows[f"/route, expected, {given.many:,} requests"] = again | {"megabytes": memory(process)}
-        with server([*serve, "--workers", "2"], 8123):
-            rows["/route, expected, two workers"] = measured(8123, routes, given.requests)
+        with server([*serve, "--workers", "2"], port):
+            rows["/route, expected, two workers"] = measured(port, routes, given.requests)
         if given.osrm and given.extract:
-            with server(prepared(given.osrm, given.extract, Path(folder)), 5009):
+            port = free_port()
+            with server([*prepared(given.osrm, given.extract, Path(folder)), "-p", str(port)], port):
                 for name in ("/nearest", "/route, expected", "/route with steps and full overview"):
-                    rows[f"osrm-routed {name.replace(', expected', '')}"] = measured(5009, kinds[name], given.requests)
+                    rows[f"osrm-routed {name.replace(', expected', '')}"] = measured(port, kinds[name], given.requests)
     for name, row in rows.items():
         shown = f"{row['per_second']:7,.0f}/s  p50 {row['p50_ms']:6.1f} ms  p99 {row['p99_ms']:6.1f} ms"
         more = "".join(
