@@ -4,6 +4,7 @@ import asyncio
 import logging
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import AsyncIterator
@@ -17,6 +18,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
+from starlette.routing import Match, Route
 
 from sidestep import __version__
 from sidestep.errors import SidestepError
@@ -31,13 +33,16 @@ from sidestep.server import (
 )
 from sidestep.server.bus import Bus
 from sidestep.server.guard import Guard
-from sidestep.server.problems import JsonResponse, ProblemError, on_error, on_validation, refused
+from sidestep.server.problems import JsonResponse, ProblemError, is_osrm, on_error, on_validation, refused
 from sidestep.server.settings import SETTINGS_VARIABLE, Settings
 from sidestep.server.store import StoreError
 from sidestep.server.town import ServedTown
 
 WATCHING = 0.25
 """Seconds after which the store is asked again what other processes have stored."""
+PATHS = (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths, page_paths)
+SWITCHING = 0.0005
+"""Seconds after which a thread lets others go on: quick answers come from one, those that take long from others."""
 FORGETTING = 60.0
 """Seconds after which what is too old is deleted."""
 _CORS: dict[str, Any] = {
@@ -78,6 +83,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
         preparing = app.state.preparing = asyncio.create_task(asyncio.to_thread(served.prepare))
         keeping = asyncio.create_task(_keep_fresh(served, bus, app.state.news))
         app.state.ready = True
+        sys.setswitchinterval(SWITCHING)
         yield
         app.state.ready = False
         preparing.cancel()
@@ -98,8 +104,10 @@ def make_app(settings: Settings | None = None) -> FastAPI:
     app.add_exception_handler(SidestepError, on_error)
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(HTTPException, _on_http)
-    for paths in (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths, page_paths):
-        app.include_router(paths.router)
+    routers = [each.router for each in PATHS]
+    for router in routers:
+        app.include_router(router)
+    app.state.routes = [route for router in routers for route in router.routes if isinstance(route, Route)]
     if chosen.origins:
         app.add_middleware(CORSMiddleware, **_CORS, allow_origins=chosen.origins)
     app.add_middleware(Guard, settings=chosen)
@@ -108,10 +116,17 @@ def make_app(settings: Settings | None = None) -> FastAPI:
 
 async def _on_http(request: Request, error: Exception) -> Response:
     status = getattr(error, "status_code", 500)
-    if status == 405 and request.method == "GET":  # what is only sent in a body has no address to get
-        status = 404
-    said = "there is nothing at this address" if status == 404 else str(getattr(error, "detail", "this cannot be done"))
-    return refused(request.url.path, ProblemError(status, said, headers=dict(getattr(error, "headers", None) or {})))
+    path, said = request.url.path, str(getattr(error, "detail", "this cannot be done"))
+    headers = {name.lower(): value for name, value in (getattr(error, "headers", None) or {}).items()}
+    if status == 405 and request.method == "GET" and is_osrm(path):
+        status = 404  # what is only sent in a body has no address to get
+    if status == 404:
+        said = "there is nothing at this address"
+    elif status == 405:
+        matching = [each for each in request.app.state.routes if each.matches(request.scope)[0] != Match.NONE]
+        headers["allow"] = ", ".join(sorted({method for each in matching for method in each.methods}))
+        said = f"this address takes {headers['allow']}"
+    return refused(path, ProblemError(status, said, headers=headers))
 
 
 def _end_at_signals(bus: Bus) -> None:

@@ -1,5 +1,6 @@
 """What the paths of the HTTP API have in common: parameters, bodies and answers."""
 
+import re
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Query, Request
@@ -8,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 from starlette.responses import Response
 
 from sidestep.server.osrm_options import PLANNER, read_coordinates
-from sidestep.server.problems import JsonResponse, ProblemError
+from sidestep.server.problems import GeoJsonResponse, ProblemError
 from sidestep.server.town import ServedTown
 
 M = TypeVar("M", bound=BaseModel)
@@ -96,6 +97,8 @@ def place_of(field: str, text: str) -> tuple[float, float]:
 def numbers_of(field: str, text: str, most: int) -> list[float]:
     """Numbers with commas between them."""
     try:
+        if not re.fullmatch(r"[-+.,\deE]*", text, re.ASCII):
+            raise ValueError  # noqa: TRY301 - as for numbers that are none
         found = [float(each) for each in text.split(",")]
     except ValueError as error:
         raise ProblemError(400, f"{field} must be numbers with commas between them", field=field) from error
@@ -106,4 +109,4 @@ def numbers_of(field: str, text: str, most: int) -> list[float]:
 
 def geojson(content: dict[str, Any]) -> Response:
     """An answer in GeoJSON."""
-    return JsonResponse(content, media_type="application/geo+json")
+    return GeoJsonResponse(content)

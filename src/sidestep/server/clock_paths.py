@@ -8,11 +8,12 @@ from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
 
+from sidestep.server import shapes
 from sidestep.server.asking import body_of, only_known, takes, town_of
 from sidestep.server.guard import writer
 from sidestep.server.problems import JsonResponse
 
-router = APIRouter(tags=["clock"], dependencies=[Depends(only_known)])
+router = APIRouter(tags=["clock"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 
 
 class SimulatedTime(BaseModel):
@@ -26,13 +27,13 @@ class SimulatedTime(BaseModel):
     """Seconds of it in each second."""
 
 
-@router.get("/clock")
+@router.get("/clock", responses=shapes.CLOCK)
 async def clock(request: Request) -> Response:
     """The local time by which the server goes."""
     return JsonResponse(town_of(request).clock_facts)
 
 
-@router.put("/clock", openapi_extra=takes(SimulatedTime))
+@router.put("/clock", openapi_extra=takes(SimulatedTime), responses=shapes.CLOCK)
 async def set_clock(request: Request) -> Response:
     """Go by a simulated time, as ``sidestep replay`` does."""
     writer(request)
@@ -42,7 +43,7 @@ async def set_clock(request: Request) -> Response:
     return JsonResponse(served.clock_facts)
 
 
-@router.delete("/clock")
+@router.delete("/clock", responses=shapes.CLOCK)
 async def reset_clock(request: Request) -> Response:
     """Go by the time of the computer again."""
     writer(request)

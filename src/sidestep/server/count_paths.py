@@ -8,14 +8,15 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.responses import Response
 
+from sidestep.server import shapes
 from sidestep.server.asking import geojson, only_known, town_of
 from sidestep.server.guard import writer
-from sidestep.server.problems import JsonResponse, ProblemError
+from sidestep.server.problems import GeoJsonResponse, JsonResponse, ProblemError
 
-router = APIRouter(tags=["counts"], dependencies=[Depends(only_known)])
+router = APIRouter(tags=["counts"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 
 
-@router.post("/counts")
+@router.post("/counts", openapi_extra=shapes.COUNTS, responses=shapes.COUNTED)
 async def post_counts(
     request: Request,
     seconds: Annotated[float, Query(ge=60, le=3600, description="Length of intervals that do not say theirs.")] = 3600,
@@ -29,7 +30,7 @@ async def post_counts(
     return JsonResponse(said)
 
 
-@router.get("/sensors")
+@router.get("/sensors", response_class=GeoJsonResponse, responses=shapes.SENSORS)
 async def sensors(request: Request) -> Response:
     """What sensors counted in their last hour, beside what is expected, as GeoJSON."""
     served = town_of(request)

@@ -10,6 +10,7 @@ from sidestep.planners.registry import BASELINE
 from sidestep.routing.departures import MOST_DEPARTURES
 from sidestep.routing.directions import CROWDING
 from sidestep.routing.request import read_departure
+from sidestep.server import shapes
 from sidestep.server.asking import (
     Futures,
     Place,
@@ -22,15 +23,15 @@ from sidestep.server.asking import (
     place_of,
     town_of,
 )
-from sidestep.server.problems import JsonResponse
+from sidestep.server.problems import GeoJsonResponse, JsonResponse
 from sidestep.server.town import FEW
 
-router = APIRouter(tags=["crowds"], dependencies=[Depends(only_known)])
+router = APIRouter(tags=["crowds"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 MOST_MINUTES = 8
 """Limits of one isochrone."""
 
 
-@router.get("/isochrone")
+@router.get("/isochrone", response_class=GeoJsonResponse, responses=shapes.ISOCHRONE)
 async def isochrone(
     request: Request,
     origin: Place,
@@ -52,14 +53,14 @@ async def isochrone(
     return geojson(await served.heavily(answer))
 
 
-@router.get("/when")
+@router.get("/when", responses=shapes.WHEN)
 async def when(
     request: Request,
     origin: Place,
     destination: Place,
     depart_at: Time = None,
     until: Time = None,
-    step: Annotated[float | None, Query(gt=0, description="Minutes between two departures.")] = None,
+    step: Annotated[float | None, Query(ge=0.1, le=1440, description="Minutes between two departures.")] = None,
     arrive_by: Annotated[
         str | None, Query(max_length=40, description="When to be there: each departure then has on_time.")
     ] = None,
@@ -91,7 +92,7 @@ async def when(
     return JsonResponse(await served.heavily(answer))
 
 
-@router.get("/crowds")
+@router.get("/crowds", response_class=GeoJsonResponse, responses=shapes.CROWDS)
 async def crowds(request: Request, at: Time = None, *, geometry: bool = True) -> Response:
     """Expected persons/m² on all streets, as GeoJSON or, without geometry, as a list by number of the street."""
     served = town_of(request)
@@ -112,7 +113,7 @@ async def crowds(request: Request, at: Time = None, *, geometry: bool = True) ->
     return await served.briefly(answer)
 
 
-@router.get("/streets")
+@router.get("/streets", response_class=GeoJsonResponse, responses=shapes.STREETS)
 async def streets(request: Request, if_none_match: Annotated[str | None, Header()] = None) -> Response:
     """All streets, as GeoJSON; they stay as they are as long as the server runs."""
     content, tag = town_of(request).streets_json
@@ -122,7 +123,7 @@ async def streets(request: Request, if_none_match: Annotated[str | None, Header(
     return Response(content, headers=headers, media_type="application/geo+json")
 
 
-@router.get("/search")
+@router.get("/search", responses=shapes.FOUND)
 async def search(
     request: Request,
     q: Annotated[str, Query(max_length=100)],
@@ -143,7 +144,7 @@ async def search(
     return JsonResponse(rows)
 
 
-@router.get("/town")
+@router.get("/town", responses=shapes.TOWN)
 async def town(request: Request) -> Response:
     """What is served: the scenario, whose streets and counts they are, and what may be asked."""
     return JsonResponse(town_of(request).facts)

@@ -8,6 +8,7 @@ import logging
 import time
 from collections import OrderedDict
 from functools import partial
+from pathlib import Path
 from traceback import extract_tb
 from urllib.parse import urlsplit
 
@@ -191,8 +192,10 @@ def _where(error: BaseException) -> str:
     said: list[str] = []
     each: BaseException | None = error
     while each is not None and len(said) < 5:
-        lines = [f"{frame.filename}:{frame.lineno} {frame.name}" for frame in extract_tb(each.__traceback__)]
-        said.append(f"{type(each).__name__} at {' > '.join(lines[-12:])}")
+        frames = extract_tb(each.__traceback__)
+        own = [frame for frame in frames if "sidestep" in frame.filename or frame is frames[-1]]
+        lines = [f"{Path(frame.filename).name}:{frame.lineno} {frame.name}" for frame in own]
+        said.append(f"{type(each).__name__} at {' > '.join(lines)}")
         each = each.__cause__ or each.__context__
     return "; after ".join(said)
 

@@ -5,21 +5,22 @@ import os
 from fastapi import APIRouter, Depends, Request
 from prometheus_client import CONTENT_TYPE_LATEST, REGISTRY, CollectorRegistry, generate_latest
 from prometheus_client.multiprocess import MultiProcessCollector
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 
+from sidestep.server import shapes
 from sidestep.server.asking import only_known
 from sidestep.server.problems import JsonResponse, ProblemError
 
-router = APIRouter(tags=["operations"], dependencies=[Depends(only_known)])
+router = APIRouter(tags=["operations"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 
 
-@router.get("/healthz")
+@router.get("/healthz", responses=shapes.HEALTH)
 async def healthz() -> Response:
     """Whether the process answers."""
     return JsonResponse({"status": "ok"})
 
 
-@router.get("/readyz")
+@router.get("/readyz", responses=shapes.READY)
 async def readyz(request: Request) -> Response:
     """Whether the town is loaded and routes are planned."""
     if not request.app.state.ready:
@@ -28,7 +29,7 @@ async def readyz(request: Request) -> Response:
     return JsonResponse({"status": "ready", "prepared": request.app.state.preparing.done()})
 
 
-@router.get("/metrics")
+@router.get("/metrics", response_class=PlainTextResponse, responses=shapes.METRICS)
 async def metrics() -> Response:
     """Numbers of requests and their times, for Prometheus; of all processes of this server."""
     registry = REGISTRY

@@ -5,12 +5,12 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
-from sidestep.server import osrm_options, planning
+from sidestep.server import osrm_options, planning, shapes
 from sidestep.server.asking import body_of, takes, town_of
 from sidestep.server.osrm_options import NearestOptions, RouteOptions, TableOptions, check_profile, read_coordinates
 from sidestep.server.problems import JsonResponse
 
-router = APIRouter(tags=["OSRM"])
+router = APIRouter(tags=["OSRM"], responses=shapes.OSRM_PROBLEMS)
 
 
 async def _planned(
@@ -31,7 +31,7 @@ async def _nearest(request: Request, coordinates: osrm_options.Coordinates, opti
     return JsonResponse(await served.heavily(lambda: planning.nearest(served, coordinates, options)))
 
 
-@router.get("/route/v1/{profile}/{coordinates:path}")
+@router.get("/route/v1/{profile}/{coordinates:path}", responses=shapes.ROUTES)
 async def route(
     request: Request, profile: str, coordinates: str, options: Annotated[RouteOptions, Query()]
 ) -> Response:
@@ -40,7 +40,7 @@ async def route(
     return await _planned(request, read_coordinates(coordinates), options, None)
 
 
-@router.post("/route/v1/{profile}", openapi_extra=takes(osrm_options.RouteBody))
+@router.post("/route/v1/{profile}", openapi_extra=takes(osrm_options.RouteBody), responses=shapes.ROUTES)
 async def route_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body, which may have areas to avoid."""
     check_profile(profile)
@@ -48,7 +48,7 @@ async def route_of_body(request: Request, profile: str) -> Response:
     return await _planned(request, osrm_options.check_coordinates(body.coordinates), body, body.avoid)
 
 
-@router.get("/table/v1/{profile}/{coordinates:path}")
+@router.get("/table/v1/{profile}/{coordinates:path}", responses=shapes.TABLES)
 async def table(
     request: Request, profile: str, coordinates: str, options: Annotated[TableOptions, Query()]
 ) -> Response:
@@ -58,7 +58,7 @@ async def table(
     return JsonResponse(await served.heavily(lambda: planning.table(served, places, options)))
 
 
-@router.post("/table/v1/{profile}", openapi_extra=takes(osrm_options.TableBody))
+@router.post("/table/v1/{profile}", openapi_extra=takes(osrm_options.TableBody), responses=shapes.TABLES)
 async def table_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)
@@ -67,7 +67,7 @@ async def table_of_body(request: Request, profile: str) -> Response:
     return JsonResponse(await served.heavily(lambda: planning.table(served, places, body)))
 
 
-@router.get("/nearest/v1/{profile}/{coordinates:path}")
+@router.get("/nearest/v1/{profile}/{coordinates:path}", responses=shapes.NEAREST)
 async def nearest(
     request: Request, profile: str, coordinates: str, options: Annotated[NearestOptions, Query()]
 ) -> Response:
@@ -76,7 +76,7 @@ async def nearest(
     return await _nearest(request, read_coordinates(coordinates), options)
 
 
-@router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm_options.NearestBody))
+@router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm_options.NearestBody), responses=shapes.NEAREST)
 async def nearest_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)

@@ -78,6 +78,17 @@ class JsonResponse(Response):
         return to_json(content, inf_nan_mode="null")
 
 
+class GeoJsonResponse(JsonResponse):
+    """GeoJSON (RFC 7946)."""
+
+    media_type = "application/geo+json"
+
+
+def is_osrm(path: str) -> bool:
+    """Whether errors at a path have OSRM's shape."""
+    return bool(_OSRM.fullmatch(path)) or path[1:].split("/", maxsplit=1)[0] in SERVICES
+
+
 def refused(path: str, problem: ProblemError) -> Response:
     """Answer a request with what is wrong with it.
 
@@ -95,7 +106,7 @@ def refused(path: str, problem: ProblemError) -> Response:
     """
     status, said = problem.status, str(problem)
     asked = _OSRM.fullmatch(path)
-    if asked or path[1:].split("/", maxsplit=1)[0] in SERVICES:
+    if is_osrm(path):
         code = problem.code or _CODES.get(status, "InvalidQuery")
         if status == 404 and asked and asked[1] not in SERVICES:
             code, said = "InvalidService", f"there is no service {asked[1]:.40} here, but {', '.join(sorted(SERVICES))}"
