@@ -8,13 +8,20 @@ import socket
 import subprocess
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import httpx
 import psycopg
 import pytest
 
+from sidestep.crowds.crowd_table import save_crowd_table
+from sidestep.crowds.table_reader import read_table
+from sidestep.network.formats import save_town
+from sidestep.server.app import make_app
+from sidestep.server.settings import Settings
 from sidestep.server.store import Store
 
 OWNER = "nobody"  # PostgreSQL refuses to run as root
@@ -148,3 +155,44 @@ def database(request, tmp_path: Path) -> Iterator[Database]:
 @pytest.fixture
 def store(database: Database) -> Store:
     return database.open()
+
+
+SIDE, BLOCK, DEGREE = 4, 100.0, 111_195.08  # crossings, m, m on the equator
+ENDS = "0.0001,0.0001;0.0026,0.0026"
+"""Two places in the small town, as the services of OSRM take them."""
+
+
+@pytest.fixture(scope="session")
+def small_town(make_town, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a scenario: a square of streets near the equator, with a crowd on one of them."""
+    folder = tmp_path_factory.mktemp("small")
+    places = [(BLOCK * x, BLOCK * y) for y in range(SIDE) for x in range(SIDE)]
+    ends = [(SIDE * y + x, SIDE * y + x + 1) for y in range(SIDE) for x in range(SIDE - 1)]
+    ends += [(SIDE * y + x, SIDE * (y + 1) + x) for y in range(SIDE - 1) for x in range(SIDE)]
+    town = make_town(places, ends, name=tuple(f"Street {number}" for number in range(len(ends))))
+    save_town(town, folder / "town.npz")
+    (folder / "crowds.csv").write_text("street,slot,density\n5,0,0.5\n5,1,0.5\n")
+    save_crowd_table(read_table(folder / "crowds.csv", town), folder / "crowds.npz")
+    (folder / "small.toml").write_text(
+        'law = "weidmann"\nhorizon_minutes = 60\n[place]\nstreets = "town.npz"\n'
+        '[place.crowd_source]\nkind = "crowd_table"\nfile = "crowds.npz"\nnoise = [0.9, 0.0]\n'
+    )
+    return folder / "small.toml"
+
+
+@pytest.fixture(scope="session")
+def test_client():
+    """The class of clients that ask an app of this process."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is to be asked for by another name
+        from fastapi.testclient import TestClient
+    return TestClient
+
+
+@pytest.fixture(scope="session")
+def served(small_town: Path, test_client, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A client of the small town, on loopback and without a key."""
+    store = tmp_path_factory.mktemp("served") / "store.db"
+    settings = Settings(scenario=str(small_town), store=str(store), requests_per_second=1e6)
+    with test_client(make_app(settings), base_url="http://127.0.0.1") as client:
+        yield client

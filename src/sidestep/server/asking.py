@@ -50,6 +50,12 @@ def only_known(request: Request) -> None:
             raise ProblemError(400, f"{name} is given twice", field=name)
 
 
+def room_to_listen(request: Request) -> None:
+    """Refuse more listeners than there is room for (503)."""
+    if request.app.state.bus.full:
+        raise ProblemError(503, "too many listen already; ask again later", headers={"retry-after": "30"})
+
+
 async def body_of(request: Request, model: type[M]) -> M:
     """The body of a request, strictly as JSON.
 

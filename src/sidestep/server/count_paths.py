@@ -9,9 +9,9 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.responses import Response
 
 from sidestep.server import shapes
-from sidestep.server.asking import geojson, only_known, town_of
+from sidestep.server.asking import geojson, only_known, room_to_listen, town_of
 from sidestep.server.guard import writer
-from sidestep.server.problems import GeoJsonResponse, JsonResponse, ProblemError
+from sidestep.server.problems import GeoJsonResponse, JsonResponse
 
 router = APIRouter(tags=["counts"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 
@@ -37,13 +37,7 @@ async def sensors(request: Request) -> Response:
     return geojson(await asyncio.to_thread(served.sensor_features))
 
 
-def _room(request: Request) -> None:
-    """Refuse more listeners than there is room for."""
-    if request.app.state.bus.full:
-        raise ProblemError(503, "too many listen already; ask again later", headers={"retry-after": "30"})
-
-
-@router.get("/events", dependencies=[Depends(_room)], response_class=EventSourceResponse)
+@router.get("/events", dependencies=[Depends(room_to_listen)], response_class=EventSourceResponse)
 async def events(request: Request) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change: server-sent events ``crowds`` and ``clock``."""
     async for kind, said in request.app.state.bus.listen():

@@ -65,8 +65,8 @@ def _sent(file: _File, accepted: str | None, known: str | None) -> Response:
     return Response(file.content, headers=headers, media_type=file.kind)
 
 
-Accepted = Annotated[str | None, Header(alias="accept-encoding")]
-Known = Annotated[str | None, Header(alias="if-none-match")]
+Accepted = Annotated[str | None, Header()]
+Known = Annotated[str | None, Header()]
 
 
 @router.api_route("/", methods=["GET", "HEAD"])

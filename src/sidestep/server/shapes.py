@@ -201,6 +201,26 @@ TOWN = answers(
         }
     ),
 )
+WALK = answers(
+    "How the walk goes on.",
+    _object(
+        {
+            "id": TEXT,
+            "next": {"anyOf": [_object({"name": TEXT, "distance": AMOUNT, "location": PLACE}), {"type": "null"}]},
+            "arrival": _or_null("string"),
+            "p50": AMOUNT,
+            "p90": AMOUNT,
+            "changed": FLAG,
+            "why": _or_null("string"),
+            "arrived": FLAG,
+            "seen": FLAG,
+            "left_route": FLAG,
+            "crowd_ahead": {"type": ["object", "null"]},
+            "route": {"anyOf": [ROUTE, {"type": "null"}]},
+            "expires": TIME,
+        }
+    ),
+)
 CLOCK = answers("The clock.", _object({"now": TIME, "speed": NUMBER, "simulated": FLAG, "hour_of_week": AMOUNT}))
 HEALTH = answers("It answers.", _object({"status": TEXT}))
 READY = answers("It is ready.", _object({"status": TEXT, "prepared": FLAG}))

@@ -31,6 +31,7 @@ from sqlalchemy import (
     create_engine,
     delete,
     event,
+    func,
     insert,
     select,
     tuple_,
@@ -238,6 +239,11 @@ class Store:
         """Forget a walk, and say whether it was there."""
         with self._transaction(writes=True) as connection:
             return connection.execute(delete(_walks).where(_walks.c.id == id)).rowcount > 0
+
+    def walks(self) -> int:
+        """How many walks are kept."""
+        with self._transaction() as connection:
+            return int(connection.execute(select(func.count()).select_from(_walks)).scalar_one())
 
     def forget(self, now: datetime) -> int:
         """Delete walks that have expired, and counts that were received too long ago.

@@ -16,10 +16,12 @@ from sidestep.server import osrm, osrm_options
 from sidestep.server.planning import walk_of
 from sidestep.server.problems import ProblemError
 from sidestep.server.store import LONGEST_WALK
-from sidestep.server.town import ServedTown
+from sidestep.server.town import FEW, ServedTown
 
 DENSE = ("dense", "jammed")
 """Words of crowds that walkers are told of."""
+MOST_WALKS = 10_000
+"""Walks that are kept; anybody may begin some, and each takes some 20 kB for an hour."""
 MOST_AHEAD = 16
 """Streets of which a walker may say what it sees."""
 
@@ -38,7 +40,7 @@ class Begun(BaseModel):
     destination: Pair
     depart_at: Text | None = None
     """Local time; by default now."""
-    planner: Text | None = None
+    planner: Annotated[str, Field(pattern=osrm_options.PLANNER)] | None = None
     walker: Text | None = None
     objective: Text | None = None
     futures: Annotated[int, Field(ge=1, le=1000)] | None = None
@@ -83,9 +85,14 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
 
     Raises
     ------
+    ProblemError
+        503 where too many are kept.
     SidestepError
         What no route answers, with the parameter as its field.
     """
+    if served.store.walks() >= MOST_WALKS:
+        said = "too many walks are under way; begin later, or ask for a route"
+        raise ProblemError(503, said, headers={"retry-after": "60"})
     for field, place in (("origin", asked.origin), ("destination", asked.destination)):
         with at_fault(field):
             osrm_options.check_coordinates([place])
@@ -94,7 +101,7 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
         destination=asked.destination[::-1],
         depart=served.asked("depart_at", asked.depart_at),
         planner=asked.planner,
-        futures=asked.futures,
+        futures=served.futures(asked.planner, asked.futures or FEW),
     )
     walk, decision = walks.begin(served.routers(asked.walker, asked.objective), request)
     walk_id = secrets.token_hex(16)

@@ -3,21 +3,21 @@
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Depends, Path, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.responses import Response
 
 from sidestep.errors import SidestepError
-from sidestep.server import under_way
-from sidestep.server.asking import body_of, takes, town_of
+from sidestep.server import shapes, under_way
+from sidestep.server.asking import body_of, only_known, room_to_listen, takes, town_of
 from sidestep.server.problems import JsonResponse, ProblemError
 from sidestep.server.under_way import Begun, Position
 
-router = APIRouter(prefix="/walks", tags=["walks"])
+router = APIRouter(prefix="/walks", tags=["walks"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 WalkId = Annotated[str, Path(pattern="^[0-9a-f]{32}$", description="As the walk was named when it began.")]
 
 
-@router.post("", status_code=201, openapi_extra=takes(Begun))
+@router.post("", status_code=201, openapi_extra=takes(Begun), responses={201: shapes.WALK[200]})
 async def begin(request: Request) -> Response:
     """Begin a walk; who knows its name may go on with it."""
     served, asked = town_of(request), await body_of(request, Begun)
@@ -25,14 +25,14 @@ async def begin(request: Request) -> Response:
     return JsonResponse(said, 201, {"location": f"/walks/{said['id']}"})
 
 
-@router.get("/{walk_id}")
+@router.get("/{walk_id}", responses=shapes.WALK)
 async def tell(request: Request, walk_id: WalkId) -> Response:
     """What the walker was told last."""
     served = town_of(request)
     return JsonResponse(await served.stored(lambda: under_way.tell(served, walk_id)))
 
 
-@router.post("/{walk_id}/position", openapi_extra=takes(Position))
+@router.post("/{walk_id}/position", openapi_extra=takes(Position), responses=shapes.WALK)
 async def report(request: Request, walk_id: WalkId) -> Response:
     """Say where the walker is and what crowds it sees, and be told how to go on."""
     served, position = town_of(request), await body_of(request, Position)
@@ -48,7 +48,7 @@ async def forget(request: Request, walk_id: WalkId) -> Response:
     return Response(status_code=204)
 
 
-@router.get("/{walk_id}/events", response_class=EventSourceResponse)
+@router.get("/{walk_id}/events", dependencies=[Depends(room_to_listen)], response_class=EventSourceResponse)
 async def events(request: Request, walk_id: WalkId) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change the plan, or a crowd forms ahead: server-sent events ``plan``."""
     served = town_of(request)
