@@ -100,7 +100,7 @@ def post(client: httpx.Client) -> Callable[..., httpx.Response]:
         served = client.app.state.town
         version = served.store.version()
         for _ in range(600):
-            if served._version == version:
+            if served.counting.version == version:
                 break
             time.sleep(0.05)
         return answer

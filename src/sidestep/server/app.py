@@ -151,7 +151,7 @@ async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None
     while True:
         try:
             if await asyncio.to_thread(served.refresh):
-                bus.tell("crowds", served.crowd_news)
+                bus.tell("crowds", served.counting.news)
             if time.monotonic() - forgotten > FORGETTING:
                 forgotten = time.monotonic()
                 await asyncio.to_thread(served.store.forget, datetime.now(UTC))

@@ -30,7 +30,7 @@ class SimulatedTime(BaseModel):
 @router.get("/clock", responses=shapes.CLOCK)
 async def clock(request: Request) -> Response:
     """The local time by which the server goes."""
-    return JsonResponse(town_of(request).clock_facts)
+    return JsonResponse(town_of(request).clock.facts)
 
 
 @router.put("/clock", openapi_extra=takes(SimulatedTime), responses=shapes.CLOCK)
@@ -38,9 +38,9 @@ async def set_clock(request: Request) -> Response:
     """Go by a simulated time, as ``sidestep replay`` does."""
     writer(request)
     served, asked = town_of(request), await body_of(request, SimulatedTime)
-    await asyncio.to_thread(served.set_clock, asked.now, asked.speed)
-    request.app.state.bus.tell("clock", served.clock_facts)
-    return JsonResponse(served.clock_facts)
+    await asyncio.to_thread(served.clock.set, asked.now, asked.speed)
+    request.app.state.bus.tell("clock", served.clock.facts)
+    return JsonResponse(served.clock.facts)
 
 
 @router.delete("/clock", responses=shapes.CLOCK)
@@ -48,6 +48,6 @@ async def reset_clock(request: Request) -> Response:
     """Go by the time of the computer again."""
     writer(request)
     served = town_of(request)
-    await asyncio.to_thread(served.reset_clock)
-    request.app.state.bus.tell("clock", served.clock_facts)
-    return JsonResponse(served.clock_facts)
+    await asyncio.to_thread(served.clock.reset)
+    request.app.state.bus.tell("clock", served.clock.facts)
+    return JsonResponse(served.clock.facts)

@@ -25,7 +25,7 @@ async def post_counts(
     writer(request)
     served, body = town_of(request), await request.body()
     kind = request.headers.get("content-type", "")
-    said = await asyncio.to_thread(served.take_counts, body, kind, seconds)
+    said = await asyncio.to_thread(served.counting.take, body, kind, seconds)
     request.app.state.news.set()
     return JsonResponse(said)
 
@@ -34,7 +34,7 @@ async def post_counts(
 async def sensors(request: Request) -> Response:
     """What sensors counted in their last hour, beside what is expected, as GeoJSON."""
     served = town_of(request)
-    return geojson(await asyncio.to_thread(served.sensor_features))
+    return geojson(await asyncio.to_thread(served.counting.features))
 
 
 @router.get("/events", dependencies=[Depends(room_to_listen)], response_class=EventSourceResponse)

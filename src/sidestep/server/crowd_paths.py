@@ -23,6 +23,7 @@ from sidestep.server.asking import (
     place_of,
     town_of,
 )
+from sidestep.server.effort import most_walks
 from sidestep.server.problems import GeoJsonResponse, JsonResponse
 from sidestep.server.town import FEW
 
@@ -45,7 +46,7 @@ async def isochrone(
     served, place, limits = town_of(request), place_of("origin", origin), numbers_of("minutes", minutes, MOST_MINUTES)
 
     def answer() -> dict[str, Any]:
-        router = served.routers(walker, None)
+        router = served.variants.router(walker, None)
         departs = served.asked("depart_at", depart_at)
         number = None if futures is None else served.futures(planner or BASELINE, futures)
         return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=number).to_geojson()
@@ -73,9 +74,9 @@ async def when(
 
     def answer() -> dict[str, Any]:
         number = served.futures(planner, futures)
-        most = min(MOST_DEPARTURES, served.most_walks(planner, number))
+        most = min(MOST_DEPARTURES, most_walks(planner, number))
         return (
-            served.routers(walker, None)
+            served.variants.router(walker, None)
             .when(
                 *ends,
                 depart=served.asked("depart_at", depart_at),

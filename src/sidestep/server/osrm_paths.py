@@ -20,13 +20,13 @@ async def _planned(
     quick = planning.is_quick(served, options, avoid)
     if quick and served.at_once(len(coordinates), options.walker, options.depart_at):
         return JsonResponse(planning.route(served, coordinates, options))
-    aside = served.briefly if quick and served.is_made(options.walker) else served.heavily
+    aside = served.briefly if quick and served.variants.is_made(options.walker) else served.heavily
     return JsonResponse(await aside(lambda: planning.route(served, coordinates, options, avoid)))
 
 
 async def _nearest(request: Request, coordinates: osrm_options.Coordinates, options: NearestOptions) -> Response:
     served = town_of(request)
-    if served.is_made(options.walker):
+    if served.variants.is_made(options.walker):
         return JsonResponse(planning.nearest(served, coordinates, options))
     return JsonResponse(await served.heavily(lambda: planning.nearest(served, coordinates, options)))
 

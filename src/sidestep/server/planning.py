@@ -98,7 +98,7 @@ def _leads(snapper: Snapper, point: StreetPoint, bearing: osrm_options.Bearing) 
 
 
 def _quick(served: ServedTown, options: osrm_options.General) -> QuickRouter:
-    return served.routers(options.walker, None).quick
+    return served.variants.router(options.walker, None).quick
 
 
 def waypoints(
@@ -213,7 +213,7 @@ def _quick_walk(
     options: osrm_options.RouteOptions,
 ) -> Walk:
     """A walk by expected times from place to place; ProblemError (``NoRoute``) where no path leads."""
-    router = served.routers(options.walker, None)
+    router = served.variants.router(options.walker, None)
     quick, departs = router.quick, served.departs(options.depart_at, router=router)
     stretches: list[Stretch] = []
     legs: list[Leg] = []
@@ -255,7 +255,7 @@ def _planned_walks(
         asked = "futures, arrive_by, avoid, objective and planners other than expected"
         said = f"{asked} are for routes between two coordinates; leave them out, or ask for each route"
         raise ProblemError(400, said, field="coordinates", code="NotImplemented")
-    router = served.routers(options.walker, options.objective)
+    router = served.variants.router(options.walker, options.objective)
     origin, destination = (point.place for point in points)
     deadline = read_departure(options.arrive_by, "arrive_by")
     depart = served.asked("depart_at", options.depart_at) if deadline is None or options.depart_at else None
@@ -327,7 +327,7 @@ def table(served: ServedTown, coordinates: Coordinates, options: osrm_options.Ta
     sources = osrm_options.check_indices("sources", options.sources, len(coordinates))
     destinations = osrm_options.check_indices("destinations", options.destinations, len(coordinates))
     points = snapped(served, coordinates, options)
-    router = served.routers(options.walker, None)
+    router = served.variants.router(options.walker, None)
     departs = served.departs(options.depart_at, router=router)
     froms, tos = ([points[number] for number in numbers] for numbers in (sources, destinations))
     seconds, metres = router.quick.matrix(froms, tos, departs, osrm_options.excluded(options))

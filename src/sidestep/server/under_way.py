@@ -103,7 +103,7 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
         planner=asked.planner,
         futures=served.futures(asked.planner, asked.futures or FEW),
     )
-    walk, decision = walks.begin(served.routers(asked.walker, asked.objective), request)
+    walk, decision = walks.begin(served.variants.router(asked.walker, asked.objective), request)
     walk_id = secrets.token_hex(16)
     return _kept(served, walk_id, walk, decision, asked.walker, asked.objective)
 
@@ -178,7 +178,7 @@ def _found(served: ServedTown, walk_id: str) -> tuple[WalkUnderWay, Router, dict
     state = served.store.get_walk(walk_id, datetime.now(UTC))
     if state is None:
         raise ProblemError(404, "no such walk: it has ended, or its hour is over; begin another", field="id")
-    return WalkUnderWay.from_json(state["walk"]), served.routers(state["walker"], state["objective"]), state
+    return WalkUnderWay.from_json(state["walk"]), served.variants.router(state["walker"], state["objective"]), state
 
 
 def _kept(
