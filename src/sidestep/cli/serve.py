@@ -68,20 +68,7 @@ def serve(
         Never of packages that may be missing.
     """
     options.check_least(workers=workers)
-    if workers > MOST_WORKERS:
-        raise SidestepError(f"--workers must be {MOST_WORKERS} at most, not {workers}", field="workers")
-    if not 0 <= port <= 65535:
-        raise SidestepError(f"--port must be 0 to 65535, not {port}", field="port")
-    if not 0 < rate < math.inf:
-        raise SidestepError(f"--rate must be a positive number, not {rate}", field="rate")
-    for each in cors or ():
-        if not _ORIGIN.fullmatch(each):
-            said = "--cors must be an origin, such as https://example.org, without a path"
-            raise SidestepError(f"{said}, not {each!r:.80}", field="cors")
-    for each in name or ():
-        if not _HOST.fullmatch(each):
-            said = "--name must be a name in lower case, such as walks.example.org, without a port"
-            raise SidestepError(f"{said}, not {each!r:.80}", field="name")
+    _check(host, port, rate, workers, cors or [], name or [])
     options.start_jax()
     try:
         from sidestep.server.run import run
@@ -103,6 +90,26 @@ def serve(
         workers=workers,
     )
     run(settings, port, as_json=logs == "json", said=lambda line: print(line, file=sys.stderr, flush=True))
+
+
+def _check(host: str, port: int, rate: float, workers: int, cors: list[str], name: list[str]) -> None:
+    """Refuse options that no server can have."""
+    if workers > MOST_WORKERS:
+        raise SidestepError(f"--workers must be {MOST_WORKERS} at most, not {workers}", field="workers")
+    if not 0 <= port <= 65535:
+        raise SidestepError(f"--port must be 0 to 65535, not {port}", field="port")
+    if not host:
+        raise SidestepError("--host must be an address or a name, such as 127.0.0.1, not ''", field="host")
+    if not 0 < rate < math.inf:
+        raise SidestepError(f"--rate must be a positive number, not {rate}", field="rate")
+    for each in cors:
+        if not _ORIGIN.fullmatch(each):
+            said = "--cors must be an origin, such as https://example.org, without a path"
+            raise SidestepError(f"{said}, not {each!r:.80}", field="cors")
+    for each in name:
+        if not _HOST.fullmatch(each):
+            said = "--name must be a name in lower case, such as walks.example.org, without a port"
+            raise SidestepError(f"{said}, not {each!r:.80}", field="name")
 
 
 def replay(

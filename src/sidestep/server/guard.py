@@ -110,7 +110,7 @@ class Guard:
             raise ProblemError(429, "too many requests from this address; send fewer", headers={"retry-after": "1"})
         if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > LARGEST_URL:
             raise ProblemError(414, f"addresses may have {LARGEST_URL:,} bytes at most; use POST with a JSON body")
-        if sum(len(name) + len(value) for name, value in scope["headers"]) > LARGEST_HEAD:
+        if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > LARGEST_HEAD:
             raise ProblemError(431, f"headers may have {LARGEST_HEAD:,} bytes at most")
         if scope["method"] in READS:
             return
