@@ -101,9 +101,9 @@ def post(client: httpx.Client) -> Callable[..., httpx.Response]:
         version = served.store.version()
         for _ in range(600):
             if served.counting.version == version:
-                break
+                return answer
             time.sleep(0.05)
-        return answer
+        raise AssertionError("crowds did not go on from these counts")
 
     return send
 
@@ -265,14 +265,51 @@ def test_a_crowd_that_is_seen_changes_the_plan(client: httpx.Client) -> None:
 
 def test_counts_change_the_plans_of_walks(client: httpx.Client, post) -> None:
     said, served = begun(client), client.app.state.town
-    assert under_way.decide_anew(served, said["id"]) is None
+    assert under_way.decide_anew(served, said["id"]) == (0, said)
     post(long(MANY))
-    anew = under_way.decide_anew(served, said["id"])
-    assert walked(anew) == ["Gate", "Back Road", "Quay"]
-    assert anew["changed"]
+    news, anew = under_way.decide_anew(served, said["id"])
+    assert (news, walked(anew), anew["changed"]) == (1, ["Gate", "Back Road", "Quay"], True)
     assert client.get(f"/walks/{said['id']}").json() == anew
-    assert under_way.decide_anew(served, said["id"]) is None  # told once
+    assert anew["expires"] == said["expires"]
+    assert under_way.decide_anew(served, said["id"])[0] == 1  # told once
     post(long(USUAL))
+
+
+def test_counts_after_the_last_report_change_plans_too(client: httpx.Client, post) -> None:
+    said, served = begun(client), client.app.state.town
+    client.put("/clock", json={"now": "2024-06-01T12:20:00", "speed": 0.001}, headers=WRITES)
+    post({"sensor": "long", "time": "2024-06-01T12:05:00", "count": MANY / 4, "seconds": 900})
+    news, anew = under_way.decide_anew(served, said["id"])
+    assert (news, walked(anew)) == (1, ["Gate", "Back Road", "Quay"])
+    # A report that was sent before, and comes after, is taken.
+    late = {"location": at(20, 0), "time": "2024-06-01T12:19:59"}
+    assert client.post(f"/walks/{said['id']}/position", json=late).status_code == 200
+    post({"sensor": "long", "time": "2024-06-01T12:05:00", "count": USUAL / 4, "seconds": 900})
+
+
+def test_changes_of_a_walk_at_the_same_time(client: httpx.Client, monkeypatch) -> None:
+    said, served = begun(client), client.app.state.town
+    url, decided = f"/walks/{said['id']}/position", under_way.walks.replan
+    moves = [{"location": at(200, 0), "time": "2024-06-01T12:03:00"}]
+
+    def while_somebody_reports(*asked: Any, **more: Any) -> Any:
+        if moves:
+            assert client.post(url, json=moves.pop()).status_code == 200
+        return decided(*asked, **more)
+
+    monkeypatch.setattr(under_way.walks, "replan", while_somebody_reports)
+    under_way.decide_anew(served, said["id"])
+    assert client.get(f"/walks/{said['id']}").json()["route"]["distance"] == pytest.approx(100, abs=1)
+    # Who forgets a walk while it is reported on finds it forgotten.
+    reported = under_way.walks.report
+
+    def while_somebody_forgets(*asked: Any, **more: Any) -> Any:
+        client.delete(f"/walks/{said['id']}")
+        return reported(*asked, **more)
+
+    monkeypatch.setattr(under_way.walks, "report", while_somebody_forgets)
+    assert client.post(url, json={"location": at(220, 0), "time": "2024-06-01T12:04:00"}).status_code == 404
+    assert client.get(f"/walks/{said['id']}").status_code == 404
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,8 @@ LEAST_COUNTED = timedelta(minutes=15)
 SILENT = timedelta(minutes=90)
 """A sensor is not known from this time after its last count on, nor from half an hour more after the middle of the
 time in which it was counted: hourly counts may come half an hour late."""
+LASTING = timedelta(minutes=5)
+"""Steps in which it is found out how long counts tell something."""
 LOOKBACK = SILENT + HOUR + LONGEST
 """Counts that began earlier say nothing of now."""
 _LONGEST_NAME = 200
@@ -98,6 +100,24 @@ class LiveCounts:
         """
         zone = UTC if self.timezone is None else timezone_of(self.timezone)
         return latest(self.counts, sensors, departure.replace(tzinfo=zone), self.timezone)
+
+    def lasts(self, sensors: Sequence[str], departure: datetime) -> float:
+        """How long departures from a local time on know of any count.
+
+        Parameters
+        ----------
+        sensors, departure
+            As for :meth:`latest`.
+
+        Returns
+        -------
+        float
+            Seconds, in steps of :data:`LASTING`; 0 where no sensor is known.
+        """
+        step, times = LASTING.total_seconds(), 0
+        while self.latest(sensors, departure + times * LASTING) is not None:
+            times += 1
+        return max(times - 1, 0) * step
 
 
 def check_counts(counts: Sequence[LiveCount], sensors: Collection[str], now: datetime) -> None:

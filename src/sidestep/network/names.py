@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sidestep.network.snapping import middle_of
 from sidestep.network.town import Town
 
 
@@ -69,6 +70,5 @@ def _folded(text: str) -> str:
 
 def _named(town: Town, name: str, streets: list[int]) -> NamedStreet:
     length = town.length[streets]
-    course = town.course(streets[int(np.argmax(length))])
-    longitude, latitude = course[len(course) // 2].tolist()
-    return NamedStreet(name, (longitude, latitude), tuple(streets), float(length.sum()))
+    middle = middle_of(town, streets[int(np.argmax(length))])
+    return NamedStreet(name, middle, tuple(streets), float(length.sum()))

@@ -237,6 +237,14 @@ def piece_of(town: Town, street: int, begin: float, end: float) -> Float[np.ndar
     return town.projection.unproject(shapely.get_coordinates(piece))
 
 
+def middle_of(town: Town, street: int) -> tuple[float, float]:
+    """Longitude and latitude, in degrees, of the middle of a street."""
+    line = shapely.LineString(town.project(town.course(street)))
+    middle = shapely.get_coordinates(shapely.line_interpolate_point(line, 0.5, normalized=True))[0]
+    longitude, latitude = town.projection.unproject(middle).tolist()
+    return longitude, latitude
+
+
 def simplified(town: Town, points: Sequence[Sequence[float]], metres: float) -> list[list[float]]:
     """Leave out points of a course that change it little.
 

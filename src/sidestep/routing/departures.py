@@ -146,8 +146,13 @@ class DepartureWindow(SceneFacts):
 
     @property
     def best(self) -> DepartureTimes:
-        """The departure whose walk takes the fewest minutes in 90 % of the futures; of equal ones the earliest."""
-        return min(self.departures, key=lambda departure: departure.p90_minutes)
+        """The departure whose walk takes the fewest minutes in 90 % of the futures; of equal ones the earliest.
+
+        Where there is a deadline, only departures count that make it in 90 % of them, or as often as any does.
+        """
+        share = min(max(departure.on_time or 0.0 for departure in self.departures), CONFIDENCE)
+        fine = [departure for departure in self.departures if (departure.on_time or 0.0) >= share]
+        return min(fine, key=lambda departure: departure.p90_minutes)
 
     @property
     def span(self) -> str:

@@ -169,7 +169,7 @@ def report(
         walk = _come(walk, located, found.metres)
         if sum(located.metres_of(walk.segments)) - walk.along <= ARRIVED:
             return arrived_at(walk, located, found.away)
-    elif _is_there(located, place):
+    elif _is_there(walk, located, place):
         return arrived_at(walk, located, None)
     else:
         walk = _rerouted(walk, located, place)
@@ -349,13 +349,15 @@ def _rerouted(walk: WalkUnderWay, located: Located, place: Place) -> WalkUnderWa
     return replace(walk, begins=place, rerouted=True, segments=(), along=0.0, nodes=nodes)
 
 
-def _is_there(located: Located, place: Place) -> bool:
-    """Whether a place is the destination, as the crow flies."""
+def _is_there(walk: WalkUnderWay, located: Located, place: Place) -> bool:
+    """Whether a place is the destination, as the crow flies: as it was asked for, or on the street."""
     end = located.ends[1]
     if isinstance(place, int) or end.latitude is None or end.longitude is None:
         return place == end.node
-    away = located.on_plane(*place) - located.on_plane(end.latitude, end.longitude)
-    return float(np.linalg.norm(away)) <= ARRIVED
+    here, there = located.on_plane(*place), [(end.latitude, end.longitude)]
+    if isinstance(walk.destination, tuple):
+        there.append(walk.destination)
+    return min(float(np.linalg.norm(here - located.on_plane(*each))) for each in there) <= ARRIVED
 
 
 def _decided(streets: Streets, walk: WalkUnderWay, located: Located, news: News) -> tuple[WalkUnderWay, Decision]:

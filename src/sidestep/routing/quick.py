@@ -187,6 +187,13 @@ class QuickRouter:
             return end
         return int((town.tail if end.fraction < 1 / 2 else town.head)[end.street])
 
+    def _is_same(self, one: End, other: End) -> bool:
+        """Whether two ends are the same place: crossings, or within ``SAME_NODE`` of each other on one street."""
+        if isinstance(one, int) or isinstance(other, int):
+            return one == other
+        apart = abs(one.fraction - other.fraction) * float(self.snapper.town.length[one.street])
+        return one.street == other.street and apart < SAME_NODE
+
     def _shares(self, point: StreetPoint) -> list[tuple[int, float]]:
         """The segments along a place's street, each with the share of its length that lies before the place."""
         return [
@@ -281,7 +288,8 @@ class QuickRouter:
                     if until > share:
                         come(goal, self._piece(table, segment, share, until, clock))
         done: set[int] = set()
-        missing = {goal for goal, each in zip(goals, destinations, strict=True) if each != origin}
+        same = [self._is_same(origin, each) for each in destinations]
+        missing = {goal for goal, stays in zip(goals, same, strict=True) if not stays}
         while heap and missing:
             _, at, node = heappop(heap)
             if node in done:
@@ -308,8 +316,8 @@ class QuickRouter:
             for segment, share, goal in entries.get(node, ()):
                 come(goal, self._piece(table, segment, 0.0, share, at))
         return [
-            [] if each == origin else None if goal in missing else self._traced(table, via, origin, goal, clock)
-            for goal, each in zip(goals, destinations, strict=True)
+            [] if stays else None if goal in missing else self._traced(table, via, origin, goal, clock)
+            for goal, stays in zip(goals, same, strict=True)
         ]
 
     def _piece(self, table: StreetTimes, segment: int, begin: float, end: float, clock: float) -> Piece:

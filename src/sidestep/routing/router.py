@@ -410,7 +410,8 @@ class Router:
             return 0
         with at_fault("live"):
             flow = with_latest_counts(self._map, latest).flow
-        self.quick.tables.go_on_from(flow, self.clock(now))
+        begins = now.replace(second=0, microsecond=0)  # departures are often given to the minute
+        self.quick.tables.go_on_from(flow, self.clock(begins), live.lasts(sensor_names(self._map), begins))
         self._live = live
         return latest.known
 

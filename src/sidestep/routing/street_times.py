@@ -229,7 +229,7 @@ class Tables:
         )
         self._kept: OrderedDict[float, StreetTimes] = OrderedDict()
         self._lock, self._making = Lock(), Lock()
-        self._live: tuple[TownClock, StreetTimes] | None = None
+        self._live: tuple[TownClock, StreetTimes, float] | None = None
 
     def at(self, clock: TownClock) -> tuple[StreetTimes, float]:
         """Find the table for a departure.
@@ -242,8 +242,8 @@ class Tables:
         Returns
         -------
         StreetTimes, float
-            The table, and the departure in s since its clock 0. Where current counts are known, departures within
-            ``AHEAD`` after them go on from these.
+            The table, and the departure in s since its clock 0. Where current counts are known, departures soon
+            after them go on from these.
         """
         if (live := self._going_on(clock)) is not None:
             return live
@@ -258,9 +258,11 @@ class Tables:
         """The table that goes on from current counts, if the departure is soon after them."""
         live = self._live
         if live is not None and clock.date is not None:
-            begins, table = live
-            if begins.date is not None and 0 <= (ahead := seconds_between(begins.date, clock.date, None)) <= AHEAD:
-                return table, ahead
+            begins, table, lasts = live
+            if begins.date is not None:
+                ahead = seconds_between(begins.date, clock.date, clock.timezone)
+                if 0 <= ahead <= lasts:
+                    return table, ahead
         return None
 
     def _begins(self, hour: float) -> float:
@@ -289,7 +291,7 @@ class Tables:
                 self._kept.popitem(last=False)
         return found
 
-    def go_on_from(self, flow: FlowModel, clock: TownClock) -> None:
+    def go_on_from(self, flow: FlowModel, clock: TownClock, lasts: float) -> None:
         """From now on, let departures soon after a clock go on from current counts.
 
         The table is worked out first, and others are served meanwhile from the one before.
@@ -300,9 +302,11 @@ class Tables:
             Crowds that go on from the counts.
         clock
             Clock 0 of these crowds, with its date.
+        lasts
+            Seconds from then on until departures know of no count any more.
         """
         here = replace(self._map, flow=flow, test_flow=flow)
-        self._live = clock, street_times(self._scenario, here, clock.hour, None)
+        self._live = clock, street_times(self._scenario, here, clock.hour, None), min(lasts, AHEAD)
 
     def forget_counts(self) -> None:
         """From now on, let crowds be those of the hour of the week."""

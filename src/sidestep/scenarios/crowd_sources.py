@@ -26,7 +26,7 @@ from sidestep.crowds.sensor_model import SensorModel, cholesky_factor, fit_senso
 from sidestep.crowds.sensors import SensorFlow
 from sidestep.files import cached_by_files
 from sidestep.network.graph import RoadNetwork
-from sidestep.network.snapping import Snapper
+from sidestep.network.snapping import Snapper, middle_of
 from sidestep.network.town import Town, TownError
 from sidestep.programs import on_device
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS
@@ -112,7 +112,7 @@ def sensor_places(venue: Venue) -> list[tuple[str, float, float]]:
     every = sensors * source.streets_per_sensor
     found = []
     for sensor, street in zip(every, stations(Snapper(town), town.network(), every, source.pairing), strict=True):
-        longitude, latitude = town.course(int(street))[len(town.course(int(street))) // 2].tolist()
+        longitude, latitude = middle_of(town, int(street))
         found.append((sensor.name, *(sensor.place or (latitude, longitude))))
     return found
 

@@ -17,6 +17,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.middleware.cors import CORSMiddleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 from starlette.routing import Match, Route
 
@@ -32,7 +33,7 @@ from sidestep.server import (
     walk_paths,
 )
 from sidestep.server.bus import Bus
-from sidestep.server.guard import Guard
+from sidestep.server.guard import Guard, where
 from sidestep.server.problems import JsonResponse, ProblemError, is_osrm, on_error, on_validation, refused
 from sidestep.server.settings import SETTINGS_VARIABLE, Settings
 from sidestep.server.store import StoreError
@@ -43,6 +44,8 @@ WATCHING = 0.25
 PATHS = (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths, page_paths)
 SWITCHING = 0.0005
 """Seconds after which a thread lets others go on: quick answers come from one, those that take long from others."""
+COMPRESSED = 50_000
+"""Bytes from which answers are compressed, such as all streets; routes have fewer."""
 FORGETTING = 60.0
 """Seconds after which what is too old is deleted."""
 _CORS: dict[str, Any] = {
@@ -110,6 +113,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
     app.state.routes = [route for router in routers for route in router.routes if isinstance(route, Route)]
     if chosen.origins:
         app.add_middleware(CORSMiddleware, **_CORS, allow_origins=chosen.origins)
+    app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED)
     app.add_middleware(Guard, settings=chosen)
     return app
 
@@ -147,11 +151,14 @@ def _end_at_signals(bus: Bus) -> None:
 
 async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None:
     """Let crowds go on from the latest counts, also those that other processes store; forget what is too old."""
-    forgotten = 0.0
+    forgotten, told = 0.0, served.clock.setting
     while True:
         try:
             if await asyncio.to_thread(served.refresh):
                 bus.tell("crowds", served.counting.news)
+            if served.clock.setting != told:  # also where another process has set it, or it has lapsed
+                told = served.clock.setting
+                bus.tell("clock", served.clock.facts)
             if time.monotonic() - forgotten > FORGETTING:
                 forgotten = time.monotonic()
                 await asyncio.to_thread(served.store.forget, datetime.now(UTC))
@@ -159,6 +166,8 @@ async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None
             _log.warning("the store cannot be used: %s", error)
         except SidestepError as error:
             _log.warning("counts cannot be used: %s", error)
+        except Exception as error:  # noqa: BLE001 - the next turn may go well, and without turns counts change nothing
+            _log.error("error while counts were taken up: %s", where(error))
         with suppress(TimeoutError):
             await asyncio.wait_for(news.wait(), WATCHING)
         news.clear()

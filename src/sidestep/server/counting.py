@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sidestep.crowds.live import LOOKBACK, LiveCounts, check_counts, is_late
+from sidestep.crowds.live import AHEAD, LOOKBACK, LiveCounts, check_counts, is_late
 from sidestep.routing.formats import feature
 from sidestep.routing.router import Router
 from sidestep.scenarios.crowd_sources import sensor_places
@@ -64,6 +64,7 @@ class Counting:
         StoreError
             A store that takes none at the moment.
         """
+        self._clock.read()  # another process may have set it just now
         now = self._clock.instant
         counts = read_posted(body, content_type, self._venue.timezone, seconds)
         check_counts(counts, self.sensors, now)
@@ -99,11 +100,11 @@ class Counting:
         now = self._clock.instant
         if version == self.version and abs(now - self._refreshed) < AGED:
             return False
-        self._live = LiveCounts(tuple(self._store.counts_since(now - LOOKBACK)), self._venue.timezone)
+        self._live = LiveCounts(tuple(self._store.counts_between(now - LOOKBACK, now + AHEAD)), self._venue.timezone)
         known = 0
         for router in routers:
             known = self.begin(router, now)
-        changed = version != self.version or known > 0
+        changed = version != self.version or known > 0 or self._counted > 0
         self.version, self._refreshed, self._counted = version, now, known
         return changed
 

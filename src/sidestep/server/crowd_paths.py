@@ -74,7 +74,7 @@ async def when(
 
     def answer() -> dict[str, Any]:
         number = served.futures(planner, futures)
-        most = min(MOST_DEPARTURES, most_walks(planner, number))
+        most = min(MOST_DEPARTURES, most_walks(served.planner_name(planner), number))
         return (
             served.variants.router(walker, None)
             .when(

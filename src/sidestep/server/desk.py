@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sidestep.server.problems import ProblemError
 
@@ -64,6 +64,7 @@ class Desk:
         loop = asyncio.get_running_loop()
         future.add_done_callback(partial(self._done, loop, client))
         answer = asyncio.wrap_future(future)
+        answer.add_done_callback(_looked_at)
         try:
             await asyncio.wait([answer], timeout=self._seconds)
             if not answer.done():
@@ -85,3 +86,9 @@ class Desk:
         self._clients[client] -= 1
         if not self._clients[client]:
             del self._clients[client]
+
+
+def _looked_at(answer: "asyncio.Future[Any]") -> None:
+    """Take note of how a question ended that nobody waits for any more: otherwise its error is logged, with places."""
+    if not answer.cancelled():
+        answer.exception()

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection
 
-from sidestep.planners.registry import BASELINE
 from sidestep.server.problems import ProblemError
 
 SIZES = (1, 20, 50, 100, 200, 500, 1000)
@@ -49,6 +48,6 @@ def futures_of(planner: str, planners: Collection[str], asked: int, times: int =
     return size
 
 
-def most_walks(planner: str | None, futures: int) -> int:
+def most_walks(planner: str, futures: int) -> int:
     """How often a planner may walk through some futures in one question."""
-    return int(MOST_WORK / WORK.get(planner or BASELINE, OTHERS_WORK)) // futures
+    return int(MOST_WORK / WORK.get(planner, OTHERS_WORK)) // futures

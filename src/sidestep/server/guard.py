@@ -95,7 +95,7 @@ class Guard:
         except asyncio.CancelledError:  # only where a stop has waited for long enough
             await answer.refuse(ProblemError(503, "the server stops; ask again soon"))
         except Exception as error:  # noqa: BLE001 - nothing of it may leave the server
-            _log_errors.error("error in %s %s: %s", method, answer.template, _where(error))
+            _log_errors.error("error in %s %s: %s", method, answer.template, where(error))
             await answer.refuse(ProblemError(500, "something went wrong in the server; its log says what"))
         finally:
             # Paths hold places and walks, so they are never logged: only which route was asked.
@@ -187,7 +187,7 @@ async def _nothing() -> Message:
     return {"type": "http.disconnect"}
 
 
-def _where(error: BaseException) -> str:
+def where(error: BaseException) -> str:
     """Kinds of errors and lines of code, without the messages: these may hold places and walks."""
     said: list[str] = []
     each: BaseException | None = error

@@ -250,7 +250,9 @@ class Walk:
     stretches: Sequence[Stretch]
     planner: str
     departs: datetime | None
-    """Local time of the departure; None where crowds know none."""
+    """Local time of the departure; None where no day was given, or crowds know no times."""
+    departs_in_words: str
+    """The same for people."""
     weight: float
     """Cost by the objective, in s."""
     weight_name: str = "duration"
@@ -308,6 +310,7 @@ def route(walk: Walk, options: RouteOptions, town: Town, annotations: Sequence[s
             courses = [simplified(town, course, SIMPLIFIED) for course in courses]
         points = [point for number, course in enumerate(courses) for point in course[number > 0 :]]
         found = {"geometry": geometry(points, options.geometries), **found}
+    found["departs"] = walk.departs_in_words
     if walk.departs is not None:
         found["departure"] = walk.departs.isoformat(timespec="seconds")
     if walk.p50 is not None and walk.p90 is not None:

@@ -29,18 +29,18 @@ Coordinates = list[tuple[float, float]]
 """Longitudes and latitudes in degrees."""
 
 
-def _split(given: Any) -> Any:
-    """Text between semicolons, as URLs have lists; a query parameter comes as a list of one text."""
+def _split(given: Any, mark: str = ";") -> Any:
+    """Text between semicolons, as URLs have lists; a query parameter comes as a list of one text, or of none."""
     if isinstance(given, list) and len(given) == 1 and isinstance(given[0], str):
         given = given[0]
-    return given.split(";") if isinstance(given, str) else given
+    if given == "":
+        return []
+    return given.split(mark) if isinstance(given, str) else given
 
 
 def _commas(given: Any) -> Any:
     """The same with commas."""
-    if isinstance(given, list) and len(given) == 1 and isinstance(given[0], str):
-        given = given[0]
-    return given.split(",") if isinstance(given, str) else given
+    return _split(given, ",")
 
 
 def _all_or_names(given: Any) -> Any:

@@ -51,7 +51,7 @@ def snapped(served: ServedTown, coordinates: Coordinates, options: osrm_options.
     count = len(coordinates)
     for field in ("hints", "radiuses", "bearings", "approaches"):
         given = getattr(options, field)
-        if given in ([], [""]):  # as if it were not there
+        if not given:  # as if it were not there
             continue
         osrm_options.check_number(field, given, count)
     snapper = _quick(served, options).snapper
@@ -234,6 +234,7 @@ def _quick_walk(
         stretches=stretches,
         planner=BASELINE,
         departs=departs.date,
+        departs_in_words=str(departs.facts(0.0)["departs"]),
         weight=sum(stretch.seconds for stretch in stretches),
     )
 
@@ -290,6 +291,7 @@ def _walk_of(plan: RoutePlan, sought: Pair, *, timed: bool, scene: RoutePlan) ->
         stretches=[Stretch(plan.legs, plan.steps or [], (longitude, latitude), sought)],
         planner=plan.planner,
         departs=None if scene.departure is None else datetime.fromisoformat(scene.departure),
+        departs_in_words=scene.departs,
         weight=60 * plan.cost_minutes,
         weight_name="duration" if scene.objective is None else "cost",
         p50=60 * plan.median_minutes if timed else None,

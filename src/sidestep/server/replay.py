@@ -14,6 +14,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from sidestep.crowds.counts import CountTable
+from sidestep.crowds.wall_time import local_time
 from sidestep.errors import SidestepError
 
 PATIENCE = 30.0
@@ -140,7 +141,7 @@ def replay(
     if not known & set(table.sensors):
         names = ", ".join(sorted(known)[:3]) or "none"
         raise ReplayError(f"{table.source} has none of the server's sensors, such as {names}", field="file")
-    hours = list(hours_of(table, begin))
+    hours = list(hours_of(table, None if begin is None else local_time(begin, zone.key)))
     if not hours:
         raise ReplayError(f"{table.source} has no counts from {begin} on; they end {table.times[-1]}", field="begin")
     began, start = hours[0][0].replace(tzinfo=zone), time.monotonic()

@@ -195,7 +195,13 @@ class Store:
 
     def counts_since(self, begins: datetime) -> list[LiveCount]:
         """The counts of intervals that began then or later, in the order of their begins."""
+        return self.counts_between(begins, None)
+
+    def counts_between(self, begins: datetime, end: datetime | None) -> list[LiveCount]:
+        """The counts of intervals that began from one time on, and before another if there is one; in this order."""
         wanted = select(_counts).where(_counts.c.begins >= _number(begins)).order_by(_counts.c.begins, _counts.c.sensor)
+        if end is not None:
+            wanted = wanted.where(_counts.c.begins < _number(end))
         with self._transaction() as connection:
             return [_count_of(row) for row in connection.execute(wanted).mappings()]
 
@@ -227,6 +233,33 @@ class Store:
         with self._transaction(writes=True) as connection:
             if not connection.execute(update(_walks).where(_walks.c.id == id).values(row)).rowcount:
                 connection.execute(insert(_walks).values(id=id, **row))
+
+    def change_walk(
+        self,
+        id: str,  # noqa: A002 - that of a walk
+        before: dict[str, Any],
+        state: dict[str, Any],
+        expires: datetime,
+    ) -> bool:
+        """Store what has become of a walk, unless it was changed or deleted meanwhile.
+
+        Parameters
+        ----------
+        id, before
+            Its name, and what :meth:`get_walk` said of it.
+        state, expires
+            As for :meth:`put_walk`.
+
+        Returns
+        -------
+        bool
+            Whether it was stored.
+        """
+        until = min(expires, datetime.now(UTC) + LONGEST_WALK)
+        mine = (_walks.c.id == id) & (_walks.c.state == json.dumps(before))
+        row = {"state": json.dumps(state), "expires": _number(until)}
+        with self._transaction(writes=True) as connection:
+            return connection.execute(update(_walks).where(mine).values(row)).rowcount > 0
 
     def get_walk(self, id: str, now: datetime) -> dict[str, Any] | None:  # noqa: A002 - that of a walk
         """What was stored of a walk; None where it is not there, or has expired by the clock of the computer."""

@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 import math
 from collections.abc import Callable
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -40,8 +41,8 @@ LEARNED = "darp"
 """Name of the planner that a model is."""
 FEW = 50
 """Futures of answers that come with simulated times, where nobody asks for another number."""
-MOST_AT_ONCE = 5
-"""Places of a route that nobody else needs to wait for: each takes a few milliseconds."""
+MOST_AT_ONCE = 2
+"""Places of a route that nobody else needs to wait for: the next ones may be reached in an hour without a table."""
 AT_ONCE = 2
 """Questions that take long, answered side by side."""
 MOST_WAITING = 32
@@ -151,8 +152,12 @@ class ServedTown:
         router = router or self.router
         with at_fault(field):
             if given is None:
-                return router.clock(self.clock.now() if router.flow.timed else None)
+                return router.clock(self._now() if router.flow.timed else None)
             return router.clock(read_departure(given))
+
+    def _now(self) -> datetime:
+        """Now, with an offset where the town has a timezone: of an hour that its clocks show twice only that tells."""
+        return self.clock.wall if self.venue.timezone is None else self.clock.now()
 
     def asked(self, field: str, given: str | None) -> Departure | None:
         """Read a local time for a router, which takes None where crowds know no times.
@@ -174,7 +179,7 @@ class ServedTown:
         """
         if given is None:
             # Minute by minute, what is expected is kept.
-            return self.clock.now().replace(second=0, microsecond=0) if self.router.flow.timed else None
+            return self._now().replace(second=0, microsecond=0) if self.router.flow.timed else None
         with at_fault(field):
             return read_departure(given)
 
@@ -226,10 +231,19 @@ class ServedTown:
             "version": __version__,
         }
 
+    def exactly(self, field: str, given: str | None) -> Departure | None:
+        """Read a local time to the second, as :meth:`asked`."""
+        if given is None:
+            return self._now() if self.router.flow.timed else None
+        return self.asked(field, given)
+
     def futures(self, planner: str | None, asked: int, times: int = 1) -> int:
         """Find out how many futures are simulated, as :func:`~sidestep.server.effort.futures_of`."""
-        name = planner or (LEARNED if self.has_model else BASELINE)
-        return futures_of(name, self.facts["planners"], asked, times)
+        return futures_of(self.planner_name(planner), self.facts["planners"], asked, times)
+
+    def planner_name(self, planner: str | None) -> str:
+        """Who plans: the planner that is asked for, or the default."""
+        return planner or (LEARNED if self.has_model else BASELINE)
 
     async def stored(self, answer: Callable[[], T]) -> T:
         """Ask the store in a thread, since it may have to wait for a disk or a network."""

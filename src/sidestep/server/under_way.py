@@ -1,6 +1,7 @@
 """Walks under way as the API tells of them: begun, gone on with, and decided anew when crowds change."""
 
 import secrets
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any
 
@@ -9,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sidestep.routing import live as walks
 from sidestep.routing.directions import crowding_word
 from sidestep.routing.plan import RoutePlan
-from sidestep.routing.request import RouteRequest, at_fault, read_departure
+from sidestep.routing.request import Departure, RouteError, RouteRequest, at_fault
 from sidestep.routing.router import Router
 from sidestep.routing.under_way import Ahead, Decision, WalkUnderWay
 from sidestep.server import osrm, osrm_options
@@ -22,6 +23,8 @@ DENSE = ("dense", "jammed")
 """Words of crowds that walkers are told of."""
 MOST_WALKS = 10_000
 """Walks that are kept; anybody may begin some, and each takes some 20 kB for an hour."""
+TRIES = 3
+"""Of changing a walk that somebody else changes at the same time."""
 MOST_AHEAD = 16
 """Streets of which a walker may say what it sees."""
 
@@ -105,7 +108,12 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
     )
     walk, decision = walks.begin(served.variants.router(asked.walker, asked.objective), request)
     walk_id = secrets.token_hex(16)
-    return _kept(served, walk_id, walk, decision, asked.walker, asked.objective)
+    expires = datetime.now(UTC) + LONGEST_WALK
+    begun = {"walker": asked.walker, "objective": asked.objective, "news": 0, "reported": None, "decided": None}
+    state = begun | _state(served, walk_id, walk, decision, expires)
+    served.store.put_walk(walk_id, state, expires)
+    found: dict[str, Any] = state["said"]
+    return found
 
 
 def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any]:
@@ -126,20 +134,27 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
     ProblemError
         404 for walks that are not known, or no longer.
     SidestepError
-        Places and times that cannot be, with the parameter as its field.
+        Places that are not in the town, and times before the last report, with the parameter as its field.
     """
-    walk, router, state = _found(served, walk_id)
     with at_fault("location"):
         osrm_options.check_coordinates([position.location])
-    time = read_departure(position.time, "time") if position.time is not None else served.asked("time", None)
+    asked = served.exactly("time", position.time)
     ahead = [Ahead(bearing=each.bearing, density=each.density) for each in position.ahead]
-    walk, decision = walks.report(
-        router, walk, position.location[::-1], 0.0 if time is None else time, density=position.density, ahead=ahead
-    )
-    return _kept(served, walk_id, walk, decision, state["walker"], state["objective"])
+
+    def go(state: dict[str, Any]) -> dict[str, Any]:
+        walk, router = _walk(served, state)
+        # What was reported before counts changed the plan, but comes after, is as of then.
+        time = _later(asked, state["decided"]) if _later(asked, state["reported"]) == asked else asked
+        place, when = position.location[::-1], 0.0 if time is None else time
+        walk, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
+        expires = datetime.now(UTC) + LONGEST_WALK
+        return {"reported": _iso(asked), **_state(served, walk_id, walk, decision, expires)}
+
+    said: dict[str, Any] = _changed(served, walk_id, go)["said"]
+    return said
 
 
-def decide_anew(served: ServedTown, walk_id: str) -> dict[str, Any] | None:
+def decide_anew(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
     """Decide anew since crowds have changed.
 
     Parameters
@@ -149,54 +164,85 @@ def decide_anew(served: ServedTown, walk_id: str) -> dict[str, Any] | None:
 
     Returns
     -------
-    dict or None
-        The way to go; None where it is as before, and no crowd has formed on it.
+    int, dict
+        How often its plan has changed, or a crowd has formed on it, without a report; and the way to go.
 
     Raises
     ------
     ProblemError
         404 for walks that are not known, or no longer.
     """
-    walk, router, state = _found(served, walk_id)
-    if walk.arrived:
-        return None
-    walk, decision = walks.replan(router, walk)
-    crowd = _crowd_ahead(decision.plan)
-    if not decision.changed and (crowd is None or state["crowd"] == crowd["street"]):
-        return None
-    return _kept(served, walk_id, walk, decision, state["walker"], state["objective"])
+
+    def anew(state: dict[str, Any]) -> dict[str, Any]:
+        walk, router = _walk(served, state)
+        if walk.arrived:
+            return {}
+        now = served.exactly("time", None)
+        if isinstance(now, datetime) and state["reported"] is not None:
+            now = _later(now, state["reported"])
+        try:
+            walk, decision = walks.replan(router, walk, time=now)
+        except RouteError as error:
+            if error.field != "time":
+                raise
+            # The walk is in a time of its own, such as one of a picture that is played.
+            now, (walk, decision) = None, walks.replan(router, walk)
+        found = _state(served, walk_id, walk, decision, datetime.fromisoformat(state["said"]["expires"]))
+        if not decision.changed and (found["crowd"] is None or found["crowd"] == state["crowd"]):
+            return {"crowd": found["crowd"]}
+        return {**found, "news": state["news"] + 1, "decided": _iso(now)}
+
+    state = _changed(served, walk_id, anew)
+    return state["news"], state["said"]
 
 
-def tell(served: ServedTown, walk_id: str) -> dict[str, Any]:
-    """What was told last of a walk; ProblemError (404) for walks that are not known, or no longer."""
-    _, _, state = _found(served, walk_id)
-    said: dict[str, Any] = state["said"]
-    return said
+def tell(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
+    """What was told last of a walk, and how often counts have changed it; ProblemError (404) where it is not known."""
+    state = _found(served, walk_id)
+    return state["news"], state["said"]
 
 
-def _found(served: ServedTown, walk_id: str) -> tuple[WalkUnderWay, Router, dict[str, Any]]:
+def _found(served: ServedTown, walk_id: str) -> dict[str, Any]:
     state = served.store.get_walk(walk_id, datetime.now(UTC))
     if state is None:
         raise ProblemError(404, "no such walk: it has ended, or its hour is over; begin another", field="id")
-    return WalkUnderWay.from_json(state["walk"]), served.variants.router(state["walker"], state["objective"]), state
+    return state
 
 
-def _kept(
-    served: ServedTown, walk_id: str, walk: WalkUnderWay, decision: Decision, walker: str | None, objective: str | None
+def _walk(served: ServedTown, state: dict[str, Any]) -> tuple[WalkUnderWay, Router]:
+    return WalkUnderWay.from_json(state["walk"]), served.variants.router(state["walker"], state["objective"])
+
+
+def _changed(served: ServedTown, walk_id: str, change: Callable[[dict[str, Any]], dict[str, Any]]) -> dict[str, Any]:
+    """Change what is kept of a walk; where somebody else changed it meanwhile, that is done again from there."""
+    for _ in range(TRIES):
+        before = _found(served, walk_id)
+        after = before | change(before)
+        expires = datetime.fromisoformat(after["said"]["expires"])
+        if after == before or served.store.change_walk(walk_id, before, after, expires):
+            return after
+    raise ProblemError(503, "others report on this walk at the same time; send it again", headers={"retry-after": "1"})
+
+
+def _state(
+    served: ServedTown, walk_id: str, walk: WalkUnderWay, decision: Decision, expires: datetime
 ) -> dict[str, Any]:
-    """Store a walk, and say where it goes on."""
-    expires = datetime.now(UTC) + LONGEST_WALK
+    """What is kept of a decision."""
     crowd = _crowd_ahead(decision.plan)
     said = {"id": walk_id, **_said(served, decision, crowd), "expires": _seconds(expires)}
-    state = {
-        "walk": walk.to_json(),
-        "walker": walker,
-        "objective": objective,
-        "crowd": None if crowd is None else crowd["street"],
-        "said": said,
-    }
-    served.store.put_walk(walk_id, state, expires)
-    return said
+    return {"walk": walk.to_json(), "crowd": None if crowd is None else crowd["street"], "said": said}
+
+
+def _later(time: Departure | None, other: str | None) -> Departure | None:
+    """The later of two local times, where both are such."""
+    if other is None or not isinstance(time, datetime):
+        return time
+    there = datetime.fromisoformat(other)
+    return there if (there.tzinfo is None) == (time.tzinfo is None) and there > time else time
+
+
+def _iso(time: Departure | None) -> str | None:
+    return time.isoformat() if isinstance(time, datetime) else None
 
 
 def _seconds(time: datetime) -> str:

@@ -1,5 +1,6 @@
 """Walks under way: begun, reported on, and followed."""
 
+import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated
 
@@ -14,6 +15,8 @@ from sidestep.server.problems import JsonResponse, ProblemError
 from sidestep.server.under_way import Begun, Position
 
 router = APIRouter(prefix="/walks", tags=["walks"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
+ASKED_AGAIN = 5
+"""Times that a walk is decided anew where the server has too much to do, each twice as late as the one before."""
 WalkId = Annotated[str, Path(pattern="^[0-9a-f]{32}$", description="As the walk was named when it began.")]
 
 
@@ -29,7 +32,8 @@ async def begin(request: Request) -> Response:
 async def tell(request: Request, walk_id: WalkId) -> Response:
     """What the walker was told last."""
     served = town_of(request)
-    return JsonResponse(await served.stored(lambda: under_way.tell(served, walk_id)))
+    _, said = await served.stored(lambda: under_way.tell(served, walk_id))
+    return JsonResponse(said)
 
 
 @router.post("/{walk_id}/position", openapi_extra=takes(Position), responses=shapes.WALK)
@@ -48,20 +52,33 @@ async def forget(request: Request, walk_id: WalkId) -> Response:
     return Response(status_code=204)
 
 
+async def told(request: Request, walk_id: WalkId) -> int:
+    """How often counts have changed a walk so far; those who listen are told from then on."""
+    served = town_of(request)
+    news, _ = await served.stored(lambda: under_way.tell(served, walk_id))
+    return news
+
+
 @router.get("/{walk_id}/events", dependencies=[Depends(room_to_listen)], response_class=EventSourceResponse)
-async def events(request: Request, walk_id: WalkId) -> AsyncIterator[ServerSentEvent]:
+async def events(
+    request: Request, walk_id: WalkId, news: Annotated[int, Depends(told)]
+) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change the plan, or a crowd forms ahead: server-sent events ``plan``."""
     served = town_of(request)
     async for kind, _ in request.app.state.bus.listen():
         if kind != "crowds":
             continue
-        try:
-            said = await served.heavily(lambda: under_way.decide_anew(served, walk_id))
-        except ProblemError as problem:
-            if problem.status == 404:
-                return
-            continue  # too much to do at the moment, or no store
-        except SidestepError:
-            continue  # crowds are not known at this time
-        if said is not None:
-            yield ServerSentEvent(event="plan", data=said)
+        for turn in range(ASKED_AGAIN):
+            try:
+                after, said = await served.heavily(lambda: under_way.decide_anew(served, walk_id))
+            except ProblemError as problem:
+                if problem.status == 404:
+                    return
+                await asyncio.sleep(2.0**turn)  # too much to do at the moment, or no store
+            except SidestepError:
+                break  # crowds are not known at this time
+            else:
+                if after != news:
+                    news = after
+                    yield ServerSentEvent(event="plan", data=said)
+                break
