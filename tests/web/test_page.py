@@ -117,11 +117,16 @@ def test_planners_alternatives_and_directions(opened):
     rows.filter(has_text="Another way").get_by_role("button").first.click()
     expect(view.page.locator("#directions h2")).to_contain_text("another way 1")
     expect(view.page.locator("#directions li").last).to_contain_text("Arrive")
-    view.page.get_by_label("shortest-path").uncheck()
+    turns = view.page.get_by_role("button", name="minutes by shortest-path")
+    turns.focus()
+    view.page.keyboard.press("Enter")
+    expect(view.page.locator("#directions h2")).to_have_text("Turn by turn, shortest-path")
+    expect(turns).to_be_focused()
+    view.page.get_by_role("checkbox", name="shortest-path").uncheck()
     view.until(lambda: "shortest-path" not in {each["planner"] for each in drawn(view, "routes")})
     view.until(lambda: "planners=expected&" in view.page.url)
     view.page.get_by_role("button", name="More planners").click()
-    expect(view.page.get_by_label("random-walk")).to_be_visible()
+    expect(view.page.get_by_role("checkbox", name="random-walk")).to_be_visible()
 
 
 def test_the_best_time_to_leave(opened):

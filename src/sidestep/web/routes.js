@@ -94,16 +94,24 @@ function least(name) {
   return values.length > 1 ? Math.min(...values) : NaN;
 }
 
-function cells(route, best) {
-  const cell = (name, text, more) =>
-    make(
-      "td",
-      { class: route[name] === best[name] ? "least" : null },
-      text,
-      more ? make("small", { text: more }) : null,
-    );
+function cells(row, best) {
+  const { route, id, planner } = row;
+  const cell = (name, ...content) => make("td", { class: route[name] === best[name] ? "least" : null }, ...content);
+  const shows = make("button", {
+    type: "button",
+    class: "link",
+    id: `turns-${id}`,
+    text: minutes(route.duration),
+    "aria-pressed": String(id === picked),
+    "aria-label": `${minutes(route.duration)} minutes by ${planner}: show its turns`,
+    onclick: () => choose(id),
+  });
   return [
-    cell("duration", minutes(route.duration), Number.isFinite(route.p90) ? `9 in 10: ${minutes(route.p90)}` : ""),
+    cell(
+      "duration",
+      row.turn === 0 ? shows : minutes(route.duration),
+      Number.isFinite(route.p90) ? make("small", { text: `9 in 10: ${minutes(route.p90)}` }) : null,
+    ),
     cell("distance", number(route.distance)),
     cell("people_met", Number.isFinite(route.people_met) ? number(route.people_met) : "–"),
   ];
@@ -141,8 +149,8 @@ function body() {
       ),
     );
     const pick = (id) => ({
-      class: id === picked ? "picked" : null,
-      onclick: (event) => event.target.closest("label") || choose(id),
+      class: `${id === picked ? "picked" : ""} ${answer?.status === "asking" ? "asking" : ""}`.trim() || null,
+      onclick: (event) => event.target.closest("label, button") || choose(id),
     });
     const first = answer?.routes?.[0];
     const head = make(
@@ -150,7 +158,7 @@ function body() {
       first ? pick(`${planner}:0`) : {},
       make("th", { scope: "row" }, title),
       ...(first
-        ? cells(first, best)
+        ? cells({ route: first, id: `${planner}:0`, planner, turn: 0 }, best)
         : [
             make(
               "td",
@@ -169,12 +177,13 @@ function body() {
           make("button", {
             type: "button",
             class: "link",
+            id: `turns-${planner}:${turn + 1}`,
             text: `Another way, ${turn + 1}`,
             "aria-pressed": String(`${planner}:${turn + 1}` === picked),
             onclick: () => choose(`${planner}:${turn + 1}`),
           }),
         ),
-        ...cells(route, best),
+        ...cells({ route, id: `${planner}:${turn + 1}`, planner, turn: turn + 1 }, best),
       ),
     );
     return [head, ...others];
@@ -261,11 +270,11 @@ function summary() {
 }
 
 function show() {
-  const focus = document.activeElement?.id;
+  const focus = document.activeElement?.id; // the rows are made anew
   const all = rows();
   picked = (all.find((row) => row.id === chosen) ?? all[0])?.id ?? null;
   byId("routes-body").replaceChildren(...body());
-  if (focus?.startsWith("plan-")) byId(focus)?.focus();
+  if (/^(plan|turns)-/.test(focus ?? "")) byId(focus)?.focus();
   byId("routes-none").hidden = state.from !== null && state.to !== null;
   head.hidden = false;
   paintRoutes();
@@ -305,6 +314,8 @@ async function ask(planner, signal) {
     show();
   };
   try {
+    // Other planners take longer, so they wait for the slider to rest.
+    if (planner !== "expected" && found.get(planner).routes.length > 0) await rest(350, signal);
     take(await get(path, query, signal));
     frameRoutes();
     // Other ways, and how reliable it is, take longer: they are asked for when the route is there and the slider rests.
