@@ -5,7 +5,7 @@ from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.responses import Response
 
 from sidestep.server import shapes
@@ -14,6 +14,14 @@ from sidestep.server.guard import writer
 from sidestep.server.problems import JsonResponse
 
 router = APIRouter(tags=["clock"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
+FIRST_YEAR, LAST_YEAR = 1900, 2200
+
+
+def _in_reach(time: datetime) -> datetime:
+    """Refuse times from which a clock cannot go on, whatever its timezone."""
+    if not FIRST_YEAR <= time.year < LAST_YEAR:
+        raise ValueError(f"the year must be {FIRST_YEAR} or later, and before {LAST_YEAR}")
+    return time
 
 
 class SimulatedTime(BaseModel):
@@ -21,7 +29,7 @@ class SimulatedTime(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    now: datetime
+    now: Annotated[datetime, AfterValidator(_in_reach)]
     """ISO 8601; local time where it has no offset."""
     speed: Annotated[float, Field(gt=0, le=10_000)] = 1.0
     """Seconds of it in each second."""

@@ -136,7 +136,7 @@ def is_quick(served: ServedTown, options: osrm_options.RouteOptions, avoid: obje
     """Whether a route needs no more than a search by expected times, which takes a millisecond."""
     asked = options.planner or (None if served.has_model else BASELINE)
     objective = options.objective or ("time" if served.scenario.objective.to_json() is None else None)
-    more = options.alternatives or options.futures or options.arrive_by or options.confidence or avoid
+    more = options.alternatives or options.futures or options.arrive_by or options.confidence or avoid is not None
     return asked == BASELINE and objective == "time" and not more
 
 

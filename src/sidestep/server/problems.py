@@ -150,7 +150,7 @@ def of_validation(errors: list[Any]) -> ProblemError:
     # After the parameter come numbers of its parts, and pydantic's names of the types that it may have.
     place = [each for each in first["loc"] if each not in {"query", "body", "path"}]
     place = [str(each) for number, each in enumerate(place) if number == 0 or isinstance(each, int)]
-    name, kind, said = ".".join(place), str(first["type"]), str(first["msg"]).removeprefix("Value error, ")
+    name, kind, said = ".".join(place)[:80], str(first["type"]), str(first["msg"]).removeprefix("Value error, ")
     if kind == "extra_forbidden":
         return ProblemError(400, f"{name} is no parameter here", field=name, code="InvalidQuery")
     if kind == "json_invalid":
