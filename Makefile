@@ -1,6 +1,6 @@
 # make demo and make test each work as the first command on a fresh machine with Python >= 3.11 and make.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve page test check format coverage stress test-lowest lock reproduce bench bench-smoke clean
+.PHONY: help setup demo serve page test check format coverage stress test-lowest lock audit reproduce bench bench-smoke clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
@@ -22,6 +22,7 @@ help:
 	@echo "make stress       fuzzers with new examples and commands killed, again and again (MINUTES=10)"
 	@echo "make test-lowest  the test suite with the lowest versions of the direct dependencies (.venv-lowest)"
 	@echo "make lock         compile requirements.txt and requirements-dev.txt anew from pyproject.toml"
+	@echo "make audit        look the pinned dependencies up among known faults (asks services on the internet)"
 	@echo "make bench        Sidestep beside learners of other libraries, 80 minutes (docs/peers.md)"
 	@echo "make bench-smoke  each of them for a few seconds, without timings"
 	@echo "make reproduce    the paper's figures and numbers, 100 maps (reproduction/)"
@@ -94,6 +95,10 @@ lock:
 	$(COMPILE) --output-file requirements.txt
 	$(COMPILE) --extra serve --constraint requirements.txt --output-file requirements-serve.txt
 	$(COMPILE) --extra dev --constraint requirements-serve.txt --output-file requirements-dev.txt
+
+audit: setup
+	$(BIN)/pip-audit --require-hashes --disable-pip --requirement requirements-serve.txt
+	cd src/sidestep/web && npm audit
 
 reproduce: .venv/ready
 	$(BIN)/sidestep reproduce --maps 100 --out reproduction

@@ -1,4 +1,4 @@
-"""What whoever runs the server asks."""
+"""What those who run the server ask."""
 
 import os
 

@@ -35,7 +35,7 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
     as_json
         Whether the log is JSON, a line for each request.
     said
-        Takes what is to be printed for whoever started it.
+        Takes what is to be printed for those who started it.
 
     Raises
     ------
