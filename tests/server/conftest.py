@@ -189,10 +189,34 @@ def test_client():
     return TestClient
 
 
+@pytest.fixture(scope="module", autouse=True)
+def unhurried() -> Iterator[None]:
+    """Servers within this process look at their store once: what they do in threads draws random numbers, by which
+    arguments are checked in tests, and Hypothesis takes those for its strategies'."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sidestep.server.app.WATCHING", 3600.0)
+        yield
+
+
 @pytest.fixture(scope="session")
-def served(small_town: Path, test_client, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+def prepared() -> Callable[[httpx.Client], None]:
+    """Waits until a server within this process has compiled what it compiles in a thread."""
+
+    def wait(client: httpx.Client) -> None:
+        for _ in range(1200):
+            if client.app.state.preparing.done():
+                return
+            time.sleep(0.1)
+        raise AssertionError("the server is not prepared")
+
+    return wait
+
+
+@pytest.fixture(scope="module")
+def served(small_town: Path, test_client, prepared, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """A client of the small town, on loopback and without a key."""
     store = tmp_path_factory.mktemp("served") / "store.db"
     settings = Settings(scenario=str(small_town), store=str(store), requests_per_second=1e6)
     with test_client(make_app(settings), base_url="http://127.0.0.1") as client:
+        prepared(client)
         yield client

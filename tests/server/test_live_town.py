@@ -78,11 +78,11 @@ def client(scenario: Path) -> Iterator[httpx.Client]:
         warnings.simplefilter("ignore")  # that it is to be asked for by another name
         from fastapi.testclient import TestClient
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sidestep.server.app.WATCHING", 0.25)
         patch.setenv(KEY_VARIABLE, KEY)
         settings = Settings(scenario=str(scenario), store=str(scenario.with_name("store.db")), requests_per_second=1e6)
-        app = make_app(settings)
-    with TestClient(app, base_url="http://127.0.0.1") as served:
-        yield served
+        with TestClient(make_app(settings), base_url="http://127.0.0.1") as served:
+            yield served
 
 
 @pytest.fixture(autouse=True)

@@ -86,12 +86,13 @@ def scenario(town, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def client(scenario) -> Iterator[httpx.Client]:
+def client(scenario, prepared) -> Iterator[httpx.Client]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it is to be asked for by another name
         from fastapi.testclient import TestClient
     settings = Settings(scenario=str(scenario), requests_per_second=1e6)
     with TestClient(make_app(settings), base_url="http://127.0.0.1") as served:
+        prepared(served)
         yield served
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from sidestep.crowds.wall_time import local_time
 from sidestep.routing import live as walks
 from sidestep.routing.directions import crowding_word
 from sidestep.routing.plan import RoutePlan
@@ -144,11 +145,12 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
     def go(state: dict[str, Any]) -> dict[str, Any]:
         walk, router = _walk(served, state)
         # What was reported before counts changed the plan, but comes after, is as of then.
-        time = _later(asked, state["decided"]) if _later(asked, state["reported"]) == asked else asked
+        late = _later(served, asked, state["reported"]) != asked
+        time = asked if late else _later(served, asked, state["decided"])
         place, when = position.location[::-1], 0.0 if time is None else time
         walk, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
         expires = datetime.now(UTC) + LONGEST_WALK
-        return {"reported": _iso(asked), **_state(served, walk_id, walk, decision, expires)}
+        return {"reported": _wall(served, asked), **_state(served, walk_id, walk, decision, expires)}
 
     said: dict[str, Any] = _changed(served, walk_id, go)["said"]
     return said
@@ -179,7 +181,7 @@ def decide_anew(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
             return {}
         now = served.exactly("time", None)
         if isinstance(now, datetime) and state["reported"] is not None:
-            now = _later(now, state["reported"])
+            now = _later(served, now, state["reported"])
         try:
             walk, decision = walks.replan(router, walk, time=now)
         except RouteError as error:
@@ -190,7 +192,7 @@ def decide_anew(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
         found = _state(served, walk_id, walk, decision, datetime.fromisoformat(state["said"]["expires"]))
         if not decision.changed and (found["crowd"] is None or found["crowd"] == state["crowd"]):
             return {"crowd": found["crowd"]}
-        return {**found, "news": state["news"] + 1, "decided": _iso(now)}
+        return {**found, "news": state["news"] + 1, "decided": _wall(served, now)}
 
     state = _changed(served, walk_id, anew)
     return state["news"], state["said"]
@@ -233,16 +235,17 @@ def _state(
     return {"walk": walk.to_json(), "crowd": None if crowd is None else crowd["street"], "said": said}
 
 
-def _later(time: Departure | None, other: str | None) -> Departure | None:
+def _later(served: ServedTown, time: Departure | None, other: str | None) -> Departure | None:
     """The later of two local times, where both are such."""
-    if other is None or not isinstance(time, datetime):
-        return time
-    there = datetime.fromisoformat(other)
-    return there if (there.tzinfo is None) == (time.tzinfo is None) and there > time else time
+    wall = _wall(served, time)
+    return datetime.fromisoformat(other) if wall is not None and other is not None and other > wall else time
 
 
-def _iso(time: Departure | None) -> str | None:
-    return time.isoformat() if isinstance(time, datetime) else None
+def _wall(served: ServedTown, time: Departure | None) -> str | None:
+    """A time as the clocks of the town show it, ISO 8601; None where it has no day."""
+    if not isinstance(time, datetime):
+        return None
+    return local_time(time, served.venue.timezone).isoformat(timespec="microseconds")
 
 
 def _seconds(time: datetime) -> str:
