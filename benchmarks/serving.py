@@ -67,6 +67,7 @@ def measured(port: int, paths: Sequence[str], requests: int) -> dict[str, float]
     asyncio.run(Load(port, paths, requests // 10).run())
     load = Load(port, paths, requests)
     took = asyncio.run(load.run())
+    assert not load.refused, f"{load.refused} requests were refused"
     p50, p99 = (1000 * float(np.quantile(load.seconds, share)) for share in (0.5, 0.99))
     return {"per_second": requests / took, "p50_ms": p50, "p99_ms": p99, "refused": load.refused}
 
