@@ -11,14 +11,37 @@ function address(path, query) {
   return url;
 }
 
-async function answered(url, options) {
-  let response;
-  try {
-    response = await fetch(url, options);
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw new Refusal("The server does not answer; it is tried again with the next request.");
+const TRIES = 5;
+
+/** Wait, unless the answer is no longer wanted. */
+function pause(seconds, signal) {
+  return new Promise((done, stop) => {
+    const timer = setTimeout(done, 1000 * seconds);
+    signal?.addEventListener("abort", () => {
+      clearTimeout(timer);
+      stop(new DOMException("no longer wanted", "AbortError"));
+    });
+  });
+}
+
+/** Fetch; where the server has too much to do it is asked again, as late as it says. */
+async function fetched(url, options) {
+  for (let turn = 1; ; turn += 1) {
+    let response;
+    try {
+      response = await fetch(url, options);
+    } catch (error) {
+      if (error.name === "AbortError") throw error;
+      throw new Refusal("The server does not answer; it is tried again with the next request.");
+    }
+    const later = Number(response.headers.get("Retry-After"));
+    if (response.status !== 503 || turn === TRIES || !(later > 0 && later <= 5)) return response;
+    await pause(later * turn, options?.signal);
   }
+}
+
+async function answered(url, options) {
+  const response = await fetched(url, options);
   if (response.status === 204) return null;
   const text = await response.text();
   let said = null;

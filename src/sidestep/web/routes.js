@@ -334,7 +334,7 @@ async function ask(planner, signal) {
   } catch (error) {
     if (error.name === "AbortError") return;
     if (found.get(planner)?.status !== "found") {
-      found.set(planner, { status: "refused", routes: [], error: "no route" });
+      found.set(planner, { status: "refused", routes: [], error: "no answer" });
       complain(`route ${planner}`, error.message);
       show();
     }
