@@ -5,7 +5,7 @@ from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema
 from starlette.responses import Response
 
 from sidestep.server import shapes
@@ -29,7 +29,7 @@ class SimulatedTime(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    now: Annotated[datetime, AfterValidator(_in_reach)]
+    now: Annotated[datetime, AfterValidator(_in_reach), WithJsonSchema({"type": "string"})]
     """ISO 8601; local time where it has no offset."""
     speed: Annotated[float, Field(gt=0, le=10_000)] = 1.0
     """Seconds of it in each second."""
