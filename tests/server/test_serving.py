@@ -244,6 +244,22 @@ def test_slow_bodies_make_room_as_well(server) -> None:
             each.close()
 
 
+def test_more_work_than_there_are_connections(server) -> None:
+    """Nobody waits who could make room: those who come last are refused."""
+    listening = b"GET /events HTTP/1.1\r\nhost: localhost\r\n\r\n"
+    opened = [server.connect(listening) for _ in range(CONNECTIONS)]
+    try:
+        for each in opened:
+            assert each.recv(12) == b"HTTP/1.1 200"
+        answer = server.ask(b"")
+        assert answer.startswith(b"HTTP/1.1 503")
+        assert b"retry-after" in answer
+    finally:
+        for each in opened:
+            each.close()
+    time.sleep(0.2)
+
+
 def test_requests_one_after_the_other_on_one_connection(server) -> None:
     paths = ["/healthz", ROUTE, "/nowhere", "/clock", ROUTE]
     head = "".join(f"GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n" for path in paths)

@@ -31,7 +31,7 @@ from sidestep.walking.opening import OpeningTimes, Timetables
 HOUR = 3600.0
 AHEAD = 2 * HOUR
 """Seconds of departures that a table is for."""
-KEPT = 2**27
+KEPT = 2**28
 """Bytes of tables with their potentials that are kept, those asked for last; two at least."""
 POTENTIALS = 2**24
 """Bytes of potentials that each table keeps."""

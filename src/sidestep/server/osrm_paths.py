@@ -9,8 +9,11 @@ from sidestep.server import osrm_options, planning, shapes
 from sidestep.server.asking import body_of, takes, town_of
 from sidestep.server.osrm_options import NearestOptions, RouteOptions, TableOptions, check_profile, read_coordinates
 from sidestep.server.problems import JsonResponse
+from sidestep.server.town import MOST_AT_ONCE
 
 router = APIRouter(tags=["OSRM"], responses=shapes.OSRM_PROBLEMS)
+MOST_BRIEFLY = 10
+"""Places of a table that does not wait for questions that take longer."""
 
 
 async def _planned(
@@ -18,17 +21,27 @@ async def _planned(
 ) -> Response:
     served = town_of(request)
     quick = planning.is_quick(served, options, avoid)
-    if quick and served.at_once(len(coordinates), options.walker, options.depart_at):
+    # To find streets by their bearings all of them are looked at.
+    if quick and not options.bearings and served.at_once(len(coordinates), options.walker, options.depart_at):
         return JsonResponse(planning.route(served, coordinates, options))
     aside = served.briefly if quick and served.variants.is_made(options.walker) else served.heavily
     return JsonResponse(await aside(lambda: planning.route(served, coordinates, options, avoid)))
 
 
+async def _table(request: Request, places: osrm_options.Coordinates, options: TableOptions) -> Response:
+    served = town_of(request)
+    few = len(places) <= MOST_BRIEFLY and served.variants.is_made(options.walker)
+    aside = served.briefly if few else served.heavily
+    return JsonResponse(await aside(lambda: planning.table(served, places, options)))
+
+
 async def _nearest(request: Request, coordinates: osrm_options.Coordinates, options: NearestOptions) -> Response:
     served = town_of(request)
-    if served.variants.is_made(options.walker):
+    is_made = served.variants.is_made(options.walker)
+    if is_made and options.number <= MOST_AT_ONCE and not options.bearings:
         return JsonResponse(planning.nearest(served, coordinates, options))
-    return JsonResponse(await served.heavily(lambda: planning.nearest(served, coordinates, options)))
+    aside = served.briefly if is_made else served.heavily
+    return JsonResponse(await aside(lambda: planning.nearest(served, coordinates, options)))
 
 
 @router.get("/route/v1/{profile}/{coordinates:path}", responses=shapes.ROUTES)
@@ -54,17 +67,15 @@ async def table(
 ) -> Response:
     """Times and lengths of the walks from many places to many others."""
     check_profile(profile)
-    served, places = town_of(request), read_coordinates(coordinates)
-    return JsonResponse(await served.heavily(lambda: planning.table(served, places, options)))
+    return await _table(request, read_coordinates(coordinates), options)
 
 
 @router.post("/table/v1/{profile}", openapi_extra=takes(osrm_options.TableBody), responses=shapes.TABLES)
 async def table_of_body(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)
-    served, body = town_of(request), await body_of(request, osrm_options.TableBody)
-    places = osrm_options.check_coordinates(body.coordinates)
-    return JsonResponse(await served.heavily(lambda: planning.table(served, places, body)))
+    body = await body_of(request, osrm_options.TableBody)
+    return await _table(request, osrm_options.check_coordinates(body.coordinates), body)
 
 
 @router.get("/nearest/v1/{profile}/{coordinates:path}", responses=shapes.NEAREST)
