@@ -87,8 +87,9 @@ def start(small_town: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         log = folder / "log"
         with log.open("w") as file:
             process = subprocess.Popen(
-                command, stdout=file, stderr=file, cwd=folder, env={**os.environ, **environ}, start_new_session=True
-            )
+                command, stdout=file, stderr=file, cwd=folder, env={**os.environ, **environ}, start_new_session=True,
+                preexec_fn=interruptible,  # noqa: PLW1509 - it does no more than that
+            )  # fmt: skip
         server = Server(process, log, 0)
         started.append(server)
         until = time.monotonic() + 60
@@ -360,6 +361,11 @@ def test_requests_under_way_end_when_it_stops(start) -> None:
     log = server.log.read_text()
     assert "Traceback" not in log
     assert "ERROR" not in log
+
+
+def interruptible() -> None:
+    """Take Ctrl-C as usual, also where these tests run in the background, in which shells have it ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_ctrl_c(start) -> None:
