@@ -74,6 +74,16 @@ def read_all(made: socket.socket) -> bytes:
     return found
 
 
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Let processes take Ctrl-C as usual, also where these tests run in the background, in which shells ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture(scope="module")
 def start(small_town: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Server]]:
     """Start a server of the small town."""
@@ -85,11 +95,10 @@ def start(small_town: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         if "--store" not in options:
             command += ["--store", str(folder / "store.db")]
         log = folder / "log"
-        with log.open("w") as file:
+        with log.open("w") as file, interruptible():
             process = subprocess.Popen(
-                command, stdout=file, stderr=file, cwd=folder, env={**os.environ, **environ}, start_new_session=True,
-                preexec_fn=interruptible,  # noqa: PLW1509 - it does no more than that
-            )  # fmt: skip
+                command, stdout=file, stderr=file, cwd=folder, env={**os.environ, **environ}, start_new_session=True
+            )
         server = Server(process, log, 0)
         started.append(server)
         until = time.monotonic() + 60
@@ -361,11 +370,6 @@ def test_requests_under_way_end_when_it_stops(start) -> None:
     log = server.log.read_text()
     assert "Traceback" not in log
     assert "ERROR" not in log
-
-
-def interruptible() -> None:
-    """Take Ctrl-C as usual, also where these tests run in the background, in which shells have it ignored."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_ctrl_c(start) -> None:
