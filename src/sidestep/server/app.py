@@ -57,25 +57,28 @@ _CORS: dict[str, Any] = {
 _log = logging.getLogger("sidestep.server")
 
 
-def make_app(settings: Settings | None = None) -> FastAPI:
+def make_app(settings: Settings | None = None, town: ServedTown | None = None) -> FastAPI:
     """Make the app.
 
     Parameters
     ----------
     settings
         Of the server; by default those in the environment, where worker processes find them.
+    town
+        What is served; by default it is loaded as the app starts.
 
     Returns
     -------
     FastAPI
-        It loads its town as it starts.
+        The app, which closes the town as it stops.
     """
     chosen = settings or Settings.model_validate_json(os.environ.get(SETTINGS_VARIABLE, "{}"))
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         try:
-            served = app.state.town = await asyncio.to_thread(ServedTown, chosen)
+            served = await asyncio.to_thread(ServedTown, chosen) if town is None else town
+            app.state.town = served
             await asyncio.to_thread(served.warm)
         except SidestepError as error:
             app.state.failure = str(error)

@@ -4,23 +4,31 @@ import math
 import os
 import signal
 import socket
+import sys
 import tempfile
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple, cast
 
 import uvicorn
+from fastapi import FastAPI
+from pythonjsonlogger.core import RESERVED_ATTRS
 from uvicorn.config import STARTUP_FAILURE
 from uvicorn.supervisors import Multiprocess
 
 from sidestep.errors import SidestepError
-from sidestep.scenarios.reader import find_scenario
+from sidestep.server.app import make_app
 from sidestep.server.connections import IDLE, Connection
 from sidestep.server.settings import KEY_VARIABLE, SETTINGS_VARIABLE, Settings
-from sidestep.server.town import venue_of
+from sidestep.server.town import ServedTown
 
 METRICS_VARIABLE = "PROMETHEUS_MULTIPROC_DIR"
 """The environment variable that tells the library where processes share their metrics."""
 NOT_STARTED = "the server did not start; its log above says why"
+SPREADS = sys.platform == "linux"
+"""Whether the system spreads connections over several sockets of one address."""
+START = 60.0
+"""Seconds that the first of several processes has to start."""
 STOPPING = 10
 """Seconds that requests under way have to end after Ctrl-C or SIGTERM."""
 
@@ -45,15 +53,29 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
     SystemExit
         After SIGTERM, with status 0.
     """
-    venue_of(find_scenario(settings.scenario))
     key = settings.key()
-    if key is not None:
-        os.environ[KEY_VARIABLE] = key  # for worker processes; never on a command line
-    listening = _listen(settings.host, port)
-    os.environ[SETTINGS_VARIABLE] = settings.model_dump_json()
-    config = uvicorn.Config(
-        "sidestep.server.app:make_app",
-        factory=True,
+    with _bind(settings.host, port) as bound:
+        town = ServedTown(settings)  # first, since most of what can be wrong is found here
+        shown = f"[{settings.host}]" if ":" in settings.host else settings.host
+        address = f"Serving {settings.scenario} at http://{shown}:{bound.getsockname()[1]}/ (stop with Ctrl-C)"
+        if settings.workers == 1:
+            bound.listen()
+            said(address)
+            _run(_config(settings, make_app(settings, town), as_json=as_json), bound)
+        else:
+            town.close()  # each process has its own
+            os.environ[SETTINGS_VARIABLE] = settings.model_dump_json()
+            if key is not None:
+                os.environ[KEY_VARIABLE] = key  # never on a command line
+            config = _config(settings, "sidestep.server.app:make_app", as_json=as_json)
+            _run_workers(config, bound, lambda: said(address))
+
+
+def _config(settings: Settings, app: FastAPI | str, *, as_json: bool) -> uvicorn.Config:
+    """The framework's settings, for an app or the name of the function that makes it."""
+    return uvicorn.Config(
+        app,
+        factory=isinstance(app, str),
         workers=settings.workers,
         http=Connection,
         log_config=log_config(as_json=as_json),
@@ -65,11 +87,9 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
         lifespan="on",
         proxy_headers=False,
     )
-    shown = f"[{settings.host}]" if ":" in settings.host else settings.host
-    said(f"Serving {settings.scenario} at http://{shown}:{listening.getsockname()[1]}/ (stop with Ctrl-C)")
-    if settings.workers > 1:
-        _run_workers(config, listening)
-        return
+
+
+def _run(config: uvicorn.Config, listening: socket.socket) -> None:
     server = uvicorn.Server(config)
 
     def stop(*_: object) -> None:
@@ -86,20 +106,10 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
         raise
 
 
-class _Workers(Multiprocess):
-    """Several processes; their metrics are in files, so that any of them can tell the sum."""
-
-    interrupted = False
-
-    def handle_int(self) -> None:
-        super().handle_int()
-        self.interrupted = True
-
-
-def _run_workers(config: uvicorn.Config, listening: socket.socket) -> None:
+def _run_workers(config: uvicorn.Config, bound: socket.socket, ready: Callable[[], None]) -> None:
     with tempfile.TemporaryDirectory(prefix="sidestep-metrics-", ignore_cleanup_errors=True) as folder:
         os.environ[METRICS_VARIABLE] = folder
-        workers = _Workers(config, sockets=[listening])
+        workers = _Workers(config, bound, ready)
         workers.run()
     if any(each.exitcode == STARTUP_FAILURE for each in workers.processes):
         raise SidestepError(NOT_STARTED, field="serve")
@@ -107,13 +117,52 @@ def _run_workers(config: uvicorn.Config, listening: socket.socket) -> None:
         raise KeyboardInterrupt
 
 
-def _listen(host: str, port: int) -> socket.socket:
+class _Workers(Multiprocess):
+    """Several processes; their metrics are in files, so that any of them can tell the sum."""
+
+    interrupted = False
+
+    def __init__(self, config: uvicorn.Config, bound: socket.socket, ready: Callable[[], None]) -> None:
+        self._ready = ready
+        if SPREADS:
+            host, port = bound.getsockname()[:2]
+            bound.close()
+            self._reserved = _bind(host, port, share=True)  # listens to nobody, and nobody else gets the port
+            bound = cast("socket.socket", _OwnSocket(host, port))
+        super().__init__(config, [bound])
+
+    def init_processes(self) -> None:
+        super().init_processes()
+        if self.processes[0].wait_until_ready(START):
+            self._ready()
+
+    def handle_int(self) -> None:
+        super().handle_int()
+        self.interrupted = True
+
+
+class _OwnSocket(NamedTuple):
+    """Becomes a socket in the process that it is sent to; the system spreads connections over those of one address.
+
+    Of a socket that processes share, the first to wake takes all connections that wait, and keeps them.
+    """
+
+    host: str
+    port: int
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(_bind, share=True), (self.host, self.port)
+
+
+def _bind(host: str, port: int, *, share: bool = False) -> socket.socket:
+    """A socket at an address, which others may have as well that ``share`` it."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     found = socket.socket(family, socket.SOCK_STREAM)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if share:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
     try:
         found.bind((host, port))
-        found.listen(2048)
     except (OSError, ValueError) as error:  # ValueError: what cannot be a name at all
         found.close()
         said = f"cannot listen on {host!r:.80}, port {port}: {getattr(error, 'strerror', None) or 'it is no address'}"
@@ -126,7 +175,11 @@ def log_config(*, as_json: bool) -> dict[str, Any]:
     """The log of the server: one line for each request, on standard error."""
     names = "asctime", "levelname", "name", "message"
     form = " ".join(f"%({name})s" for name in names)
-    formatter: dict[str, Any] = {"()": "pythonjsonlogger.json.JsonFormatter", "fmt": form}
+    formatter: dict[str, Any] = {
+        "()": "pythonjsonlogger.json.JsonFormatter",
+        "fmt": form,
+        "reserved_attrs": [*RESERVED_ATTRS, "color_message"],  # uvicorn's, with colours of a terminal
+    }
     access = formatter
     if not as_json:
         formatter = {"format": "%(levelname)s: %(message)s"}
