@@ -1,12 +1,12 @@
 """The services of OSRM, version 1."""
 
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Request
 from starlette.responses import Response
 
 from sidestep.server import osrm_options, planning, shapes
-from sidestep.server.asking import body_of, takes, town_of
+from sidestep.server.asking import asks, body_of, query_of, takes, town_of
 from sidestep.server.osrm_options import NearestOptions, RouteOptions, TableOptions, check_profile, read_coordinates
 from sidestep.server.problems import JsonResponse
 from sidestep.server.town import MOST_AT_ONCE
@@ -44,13 +44,11 @@ async def _nearest(request: Request, coordinates: osrm_options.Coordinates, opti
     return JsonResponse(await aside(lambda: planning.nearest(served, coordinates, options)))
 
 
-@router.get("/route/v1/{profile}/{coordinates:path}", responses=shapes.ROUTES)
-async def route(
-    request: Request, profile: str, coordinates: str, options: Annotated[RouteOptions, Query()]
-) -> Response:
+@router.get("/route/v1/{profile}/{coordinates:path}", openapi_extra=asks(RouteOptions), responses=shapes.ROUTES)
+async def route(request: Request, profile: str, coordinates: str) -> Response:
     """Plan a route through places, as OSRM does, by expected crowds."""
     check_profile(profile)
-    return await _planned(request, read_coordinates(coordinates), options, None)
+    return await _planned(request, read_coordinates(coordinates), query_of(request, RouteOptions), None)
 
 
 @router.post("/route/v1/{profile}", openapi_extra=takes(osrm_options.RouteBody), responses=shapes.ROUTES)
@@ -61,13 +59,11 @@ async def route_of_body(request: Request, profile: str) -> Response:
     return await _planned(request, osrm_options.check_coordinates(body.coordinates), body, body.avoid)
 
 
-@router.get("/table/v1/{profile}/{coordinates:path}", responses=shapes.TABLES)
-async def table(
-    request: Request, profile: str, coordinates: str, options: Annotated[TableOptions, Query()]
-) -> Response:
+@router.get("/table/v1/{profile}/{coordinates:path}", openapi_extra=asks(TableOptions), responses=shapes.TABLES)
+async def table(request: Request, profile: str, coordinates: str) -> Response:
     """Times and lengths of the walks from many places to many others."""
     check_profile(profile)
-    return await _table(request, read_coordinates(coordinates), options)
+    return await _table(request, read_coordinates(coordinates), query_of(request, TableOptions))
 
 
 @router.post("/table/v1/{profile}", openapi_extra=takes(osrm_options.TableBody), responses=shapes.TABLES)
@@ -78,13 +74,11 @@ async def table_of_body(request: Request, profile: str) -> Response:
     return await _table(request, osrm_options.check_coordinates(body.coordinates), body)
 
 
-@router.get("/nearest/v1/{profile}/{coordinates:path}", responses=shapes.NEAREST)
-async def nearest(
-    request: Request, profile: str, coordinates: str, options: Annotated[NearestOptions, Query()]
-) -> Response:
+@router.get("/nearest/v1/{profile}/{coordinates:path}", openapi_extra=asks(NearestOptions), responses=shapes.NEAREST)
+async def nearest(request: Request, profile: str, coordinates: str) -> Response:
     """The streets nearest to a place."""
     check_profile(profile)
-    return await _nearest(request, read_coordinates(coordinates), options)
+    return await _nearest(request, read_coordinates(coordinates), query_of(request, NearestOptions))
 
 
 @router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm_options.NearestBody), responses=shapes.NEAREST)
