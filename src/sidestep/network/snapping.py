@@ -63,24 +63,22 @@ class Snapper:
             Invalid coordinates, or no street within ``farthest``.
         """
         if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
-            raise TownError(
-                f"{latitude:g}, {longitude:g} is not a valid place{self._if_swapped(latitude, longitude, farthest)}: "
-                "give degrees of latitude (-90 to 90), then of longitude (-180 to 180)",
-                field="place",
+            said = (
+                f"{_named(latitude, longitude)} is not a valid place{self._if_swapped(latitude, longitude, farthest)}"
             )
+            said += ": latitudes are -90 to 90 degrees, longitudes -180 to 180"
+            raise TownError(said, field="place")
         town, tree = self.town, self._index
         here = shapely.Point(town.project(np.array([longitude, latitude])))
         candidates, (distance, *_) = tree.query_nearest(here, return_distance=True)
         if distance > farthest:
             if swapped := self._if_swapped(latitude, longitude, farthest):
-                raise TownError(f"{latitude:g}, {longitude:g} is not in this town{swapped}", field="place")
+                raise TownError(f"{_named(latitude, longitude)} is not in this town{swapped}", field="place")
             xy = town.project(town.place)
             (west, south), (east, north) = town.projection.unproject(np.stack([xy.min(axis=0), xy.max(axis=0)]))
-            raise TownError(
-                f"{latitude:g}, {longitude:g} is {distance:,.0f} m from the nearest street, so it is not in this town "
-                f"(latitude {south:.4f} to {north:.4f}, longitude {west:.4f} to {east:.4f})",
-                field="place",
-            )
+            limits = f"(latitude {south:.4f} to {north:.4f}, longitude {west:.4f} to {east:.4f})"
+            away = f"{distance:,.0f} m from the nearest street, so it is not in this town"
+            raise TownError(f"{_named(latitude, longitude)} is {away} {limits}", field="place")
         street = int(candidates.min())  # of streets that meet at the nearest crossing, always the same one
         return self._on_street(street, here, float(distance))
 
@@ -153,9 +151,7 @@ class Snapper:
             return ""
         there = shapely.Point(self.town.project(np.array([latitude, longitude], float)))
         _, (distance, *_) = self._index.query_nearest(there, return_distance=True)
-        return (
-            ", but with latitude and longitude swapped it is; give the latitude first" if distance <= farthest else ""
-        )
+        return ", but the other way round it is; swap the two" if distance <= farthest else ""
 
     @cached_property
     def _index(self) -> shapely.STRtree:
@@ -165,6 +161,11 @@ class Snapper:
         tree = shapely.STRtree(lines)
         tree.query(lines[0])  # GEOS builds the tree on the first query: before threads share it
         return tree
+
+
+def _named(latitude: float, longitude: float) -> str:
+    """Both numbers by name: people give them in either order."""
+    return f"latitude {latitude:g}, longitude {longitude:g}"
 
 
 @dataclass(frozen=True, eq=False)

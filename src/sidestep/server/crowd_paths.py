@@ -8,7 +8,7 @@ from starlette.responses import Response
 
 from sidestep.planners.registry import BASELINE
 from sidestep.routing.departures import MOST_DEPARTURES
-from sidestep.routing.directions import CROWDING
+from sidestep.routing.directions import crowding_word
 from sidestep.routing.request import read_departure
 from sidestep.server import shapes
 from sidestep.server.asking import (
@@ -40,13 +40,14 @@ async def isochrone(
     depart_at: Time = None,
     planner: PlannerName = None,
     walker: Word = None,
+    objective: Word = None,
     futures: Futures = None,
 ) -> Response:
     """How far one gets in some minutes, as GeoJSON; with futures in half and in 90 % of them."""
     served, place, limits = town_of(request), place_of("origin", origin), numbers_of("minutes", minutes, MOST_MINUTES)
 
     def answer() -> dict[str, Any]:
-        router = served.variants.router(walker, None)
+        router = served.variants.router(walker, objective)
         departs = served.asked("depart_at", depart_at)
         number = None if futures is None else served.futures(planner or BASELINE, futures)
         return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=number).to_geojson()
@@ -67,6 +68,7 @@ async def when(
     ] = None,
     planner: PlannerName = None,
     walker: Word = None,
+    objective: Word = None,
     futures: Annotated[int, Query(ge=1, le=1000)] = FEW,
 ) -> Response:
     """How long the walk takes at every departure of a window, by default of two hours."""
@@ -76,7 +78,7 @@ async def when(
         number = served.futures(planner, futures)
         most = min(MOST_DEPARTURES, most_walks(served.planner_name(planner), number))
         return (
-            served.variants.router(walker, None)
+            served.variants.router(walker, objective)
             .when(
                 *ends,
                 depart=served.asked("depart_at", depart_at),
@@ -104,10 +106,9 @@ async def crowds(request: Request, at: Time = None, *, geometry: bool = True) ->
         said = {"at": None if when_.date is None else when_.date.isoformat(), **when_.facts(0.0)}
         if not geometry:
             return JsonResponse({**said, "density": density})
-        words = [next(word for limit, word in CROWDING if persons < limit) for persons in density]
         features = [
-            {**street, "properties": {**street["properties"], "density": persons, "crowding": word}}
-            for street, persons, word in zip(served.streets["features"], density, words, strict=True)
+            {**street, "properties": {**street["properties"], "density": persons, "crowding": crowding_word(persons)}}
+            for street, persons in zip(served.streets["features"], density, strict=True)
         ]
         return geojson({**served.streets, **said, "features": features})
 
@@ -116,9 +117,9 @@ async def crowds(request: Request, at: Time = None, *, geometry: bool = True) ->
 
 @router.get("/streets", response_class=GeoJsonResponse, responses=shapes.STREETS)
 async def streets(request: Request, if_none_match: Annotated[str | None, Header()] = None) -> Response:
-    """All streets, as GeoJSON; they stay as they are as long as the server runs."""
+    """All streets, as GeoJSON; they stay as they are until another scenario is served."""
     content, tag = town_of(request).streets_json
-    headers = {"etag": tag, "cache-control": "max-age=3600"}
+    headers = {"etag": tag, "cache-control": "no-cache"}
     if if_none_match == tag:
         return Response(status_code=304, headers=headers)
     return Response(content, headers=headers, media_type="application/geo+json")
