@@ -18,8 +18,13 @@ Place = Annotated[str, Query(max_length=80, description="Longitude and latitude,
 Time = Annotated[
     str | None, Query(max_length=40, description="Local time: ISO 8601, Fri 17:30 or 17:30; by default now.")
 ]
-PlannerName = Annotated[str | None, Query(pattern=PLANNER)]
-Word = Annotated[str | None, Query(max_length=200)]
+PlannerName = Annotated[
+    str | None, Query(pattern=PLANNER, description="Who plans; by default expected, or darp where there is a model.")
+]
+Walker = Annotated[str | None, Query(max_length=200, description="Who walks, as in sidestep route --walker.")]
+Objective = Annotated[
+    str | None, Query(max_length=200, description="What is kept low, as in sidestep route --objective.")
+]
 Futures = Annotated[int | None, Query(ge=1, le=1000, description="Simulated futures.")]
 
 

@@ -36,7 +36,7 @@ class SimulatedTime(BaseModel):
 
 
 @router.get("/clock", responses=shapes.CLOCK)
-async def clock(request: Request) -> Response:
+async def get_clock(request: Request) -> Response:
     """The local time by which the server goes."""
     return JsonResponse(town_of(request).clock.facts)
 

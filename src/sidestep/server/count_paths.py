@@ -38,7 +38,7 @@ async def sensors(request: Request) -> Response:
 
 
 @router.get("/events", dependencies=[Depends(room_to_listen)], response_class=EventSourceResponse)
-async def events(request: Request) -> AsyncIterator[ServerSentEvent]:
+async def follow_crowds(request: Request) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change: server-sent events ``crowds`` and ``clock``."""
     async for kind, said in request.app.state.bus.listen():
         yield ServerSentEvent(event=kind, data=said)

@@ -13,10 +13,11 @@ from sidestep.routing.request import read_departure
 from sidestep.server import shapes
 from sidestep.server.asking import (
     Futures,
+    Objective,
     Place,
     PlannerName,
     Time,
-    Word,
+    Walker,
     geojson,
     numbers_of,
     only_known,
@@ -28,6 +29,7 @@ from sidestep.server.problems import GeoJsonResponse, JsonResponse
 from sidestep.server.town import FEW
 
 router = APIRouter(tags=["crowds"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
+Geometry = Annotated[bool, Query(description="false: no lines, but a list by number of the street.")]
 MOST_MINUTES = 8
 """Limits of one isochrone."""
 
@@ -36,11 +38,11 @@ MOST_MINUTES = 8
 async def isochrone(
     request: Request,
     origin: Place,
-    minutes: Annotated[str, Query(max_length=80)] = "5,10,15",
+    minutes: Annotated[str, Query(max_length=80, description="Limits, with commas between them.")] = "5,10,15",
     depart_at: Time = None,
     planner: PlannerName = None,
-    walker: Word = None,
-    objective: Word = None,
+    walker: Walker = None,
+    objective: Objective = None,
     futures: Futures = None,
 ) -> Response:
     """How far one gets in some minutes, as GeoJSON; with futures in half and in 90 % of them."""
@@ -61,15 +63,15 @@ async def when(
     origin: Place,
     destination: Place,
     depart_at: Time = None,
-    until: Time = None,
+    until: Annotated[str | None, Query(max_length=40, description="The last departure, a local time.")] = None,
     step: Annotated[float | None, Query(ge=0.1, le=1440, description="Minutes between two departures.")] = None,
     arrive_by: Annotated[
         str | None, Query(max_length=40, description="When to be there: each departure then has on_time.")
     ] = None,
     planner: PlannerName = None,
-    walker: Word = None,
-    objective: Word = None,
-    futures: Annotated[int, Query(ge=1, le=1000)] = FEW,
+    walker: Walker = None,
+    objective: Objective = None,
+    futures: Annotated[int, Query(ge=1, le=1000, description="Simulated futures.")] = FEW,
 ) -> Response:
     """How long the walk takes at every departure of a window, by default of two hours."""
     served, ends = town_of(request), (place_of("origin", origin), place_of("destination", destination))
@@ -96,7 +98,7 @@ async def when(
 
 
 @router.get("/crowds", response_class=GeoJsonResponse, responses=shapes.CROWDS)
-async def crowds(request: Request, at: Time = None, *, geometry: bool = True) -> Response:
+async def crowds(request: Request, at: Time = None, *, geometry: Geometry = True) -> Response:
     """Expected persons/m² on all streets, as GeoJSON or, without geometry, as a list by number of the street."""
     served = town_of(request)
 
@@ -128,8 +130,8 @@ async def streets(request: Request, if_none_match: Annotated[str | None, Header(
 @router.get("/search", responses=shapes.FOUND)
 async def search(
     request: Request,
-    q: Annotated[str, Query(max_length=100)],
-    limit: Annotated[int, Query(ge=1, le=50)] = 8,
+    q: Annotated[str, Query(max_length=100, description="A part of the name.")],
+    limit: Annotated[int, Query(ge=1, le=50, description="The most names.")] = 8,
 ) -> Response:
     """Streets by a part of their names."""
     found = town_of(request).names.search(q, limit)

@@ -15,13 +15,13 @@ router = APIRouter(tags=["operations"], dependencies=[Depends(only_known)], resp
 
 
 @router.get("/healthz", responses=shapes.HEALTH)
-async def healthz() -> Response:
+async def check_health() -> Response:
     """Whether the process answers."""
     return JsonResponse({"status": "ok"})
 
 
 @router.get("/readyz", responses=shapes.READY)
-async def readyz(request: Request) -> Response:
+async def check_readiness(request: Request) -> Response:
     """Whether the town is loaded and routes are planned."""
     if not request.app.state.ready:
         raise ProblemError(503, "the town is not loaded yet", headers={"retry-after": "1"})

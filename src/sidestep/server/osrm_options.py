@@ -104,7 +104,7 @@ Text = Annotated[str, Field(max_length=200)]
 class General(BaseModel):
     """Parameters of all services."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     hints: Hints | None = None
     """From an earlier answer, one for each coordinate: the place on the streets is not looked for again."""

@@ -52,7 +52,7 @@ async def route(request: Request, profile: str, coordinates: str) -> Response:
 
 
 @router.post("/route/v1/{profile}", openapi_extra=takes(osrm_options.RouteBody), responses=shapes.ROUTES)
-async def route_of_body(request: Request, profile: str) -> Response:
+async def route_by_post(request: Request, profile: str) -> Response:
     """The same with a JSON body, which may have areas to avoid."""
     check_profile(profile)
     body = await body_of(request, osrm_options.RouteBody)
@@ -67,7 +67,7 @@ async def table(request: Request, profile: str, coordinates: str) -> Response:
 
 
 @router.post("/table/v1/{profile}", openapi_extra=takes(osrm_options.TableBody), responses=shapes.TABLES)
-async def table_of_body(request: Request, profile: str) -> Response:
+async def table_by_post(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)
     body = await body_of(request, osrm_options.TableBody)
@@ -82,7 +82,7 @@ async def nearest(request: Request, profile: str, coordinates: str) -> Response:
 
 
 @router.post("/nearest/v1/{profile}", openapi_extra=takes(osrm_options.NearestBody), responses=shapes.NEAREST)
-async def nearest_of_body(request: Request, profile: str) -> Response:
+async def nearest_by_post(request: Request, profile: str) -> Response:
     """The same with a JSON body."""
     check_profile(profile)
     body = await body_of(request, osrm_options.NearestBody)

@@ -38,7 +38,7 @@ OPTIONS = osrm_options.RouteOptions(steps=True, geometries="geojson", overview="
 class Begun(BaseModel):
     """A walk to begin; longitudes come before latitudes."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True)
 
     origin: Pair
     destination: Pair
@@ -53,7 +53,7 @@ class Begun(BaseModel):
 class Seen(BaseModel):
     """A crowd on a street that leaves the crossing ahead."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True)
 
     bearing: Annotated[float, Field(ge=-360, le=360)]
     """Degrees clockwise from north, in which it leaves the crossing."""
@@ -64,7 +64,7 @@ class Seen(BaseModel):
 class Position(BaseModel):
     """Where a walker is, and what it sees."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True)
 
     location: Pair
     time: Text | None = None

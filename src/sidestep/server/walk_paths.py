@@ -21,7 +21,7 @@ WalkId = Annotated[str, Path(pattern="^[0-9a-f]{32}$", description="As the walk 
 
 
 @router.post("", status_code=201, openapi_extra=takes(Begun), responses={201: shapes.WALK[200]})
-async def begin(request: Request) -> Response:
+async def begin_walk(request: Request) -> Response:
     """Begin a walk; who knows its name may go on with it."""
     served, asked = town_of(request), await body_of(request, Begun)
     said = await served.heavily(lambda: under_way.begin(served, asked))
@@ -29,7 +29,7 @@ async def begin(request: Request) -> Response:
 
 
 @router.get("/{walk_id}", responses=shapes.WALK)
-async def tell(request: Request, walk_id: WalkId) -> Response:
+async def get_walk(request: Request, walk_id: WalkId) -> Response:
     """What the walker was told last."""
     served = town_of(request)
     _, said = await served.stored(lambda: under_way.tell(served, walk_id))
@@ -37,14 +37,14 @@ async def tell(request: Request, walk_id: WalkId) -> Response:
 
 
 @router.post("/{walk_id}/position", openapi_extra=takes(Position), responses=shapes.WALK)
-async def report(request: Request, walk_id: WalkId) -> Response:
+async def report_position(request: Request, walk_id: WalkId) -> Response:
     """Say where the walker is and what crowds it sees, and be told how to go on."""
     served, position = town_of(request), await body_of(request, Position)
     return JsonResponse(await served.heavily(lambda: under_way.go_on(served, walk_id, position)))
 
 
 @router.delete("/{walk_id}", status_code=204)
-async def forget(request: Request, walk_id: WalkId) -> Response:
+async def delete_walk(request: Request, walk_id: WalkId) -> Response:
     """Forget a walk."""
     served = town_of(request)
     if not await served.stored(lambda: served.store.delete_walk(walk_id)):
@@ -60,7 +60,7 @@ async def told(request: Request, walk_id: WalkId) -> int:
 
 
 @router.get("/{walk_id}/events", dependencies=[Depends(room_to_listen)], response_class=EventSourceResponse)
-async def events(
+async def follow_walk(
     request: Request, walk_id: WalkId, news: Annotated[int, Depends(told)]
 ) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change the plan, or a crowd forms ahead: server-sent events ``plan``."""
