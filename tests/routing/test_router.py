@@ -114,8 +114,12 @@ class Somebody(RandomWalk):
 
 
 def learned(monkeypatch, **known: object) -> None:
-    fields = {"planners": {"darp": Somebody()}, "index": None, "destinations": None} | known
-    monkeypatch.setattr("sidestep.planners.learned.load_planners", lambda *_: Learned(**fields))
+    def load(_folders, scenario, _seed) -> Learned:
+        return Learned(
+            **{"planners": {"darp": Somebody()}, "index": None, "destinations": None} | known, scenario=scenario
+        )
+
+    monkeypatch.setattr("sidestep.planners.learned.load_planners", load)
 
 
 def test_a_model_plans_by_default(monkeypatch, tiny, ends) -> None:

@@ -100,6 +100,18 @@ class Learned:
     """Number of the only map that they can walk, if one of them remembers places."""
     destinations: frozenset[int] | None
     """The only destinations that they can walk to, if one of them remembers places."""
+    scenario: Scenario
+    """What they were loaded for, with the walker and the objective that they learned for."""
+
+    def check_problem(self, scenario: Scenario) -> None:
+        """Refuse another walker or objective than the planners learned for.
+
+        Raises
+        ------
+        ModelError
+            The scenario has another one (field ``walker`` or ``objective``).
+        """
+        _check_problem("the model", self.scenario, scenario)
 
     def check_destination(self, node: int) -> None:
         """Refuse a destination that was not learned, where only those that were can be walked to.
@@ -172,28 +184,29 @@ def load_planners(folders: Sequence[Path], scenario: Scenario, seed: int, level:
             "the folders of the models must have different names, since planners are called by them", field="model"
         )
     index, destinations = next(iter(known.items()), (None, None))
-    return Learned(planners, index, destinations)
+    return Learned(planners, index, destinations, scenario)
 
 
 def _check_fits(folder: Path, metadata: Metadata, scenario: Scenario, level: Information | None) -> None:
     learned, at = metadata.scenario, metadata.config.level
     if level is not None and at != level:
         raise ModelError(f"the model in {folder} is of level {at}, not {level}", field="level")
-    if learned.walker != scenario.walker:
-        raise ModelError(
-            f"the model in {folder} learned for another walker; give the same --walker, {learned.walker.in_words()}",
-            field="walker",
-        )
-    if learned.objective != scenario.objective:
-        raise ModelError(
-            f"the model in {folder} learned for another objective; give the same --objective", field="objective"
-        )
+    _check_problem(f"the model in {folder}", learned, scenario)
     if at in ("map", "live") and learned.place.interpolated != scenario.place.interpolated:
         where = ("where crowds are known street by street", "in a town whose crowds are known from sensors")
         known = where[learned.place.interpolated]
         raise ModelError(
             f"the model in {folder} learned to walk {known}; {scenario.name} is another kind", field="scenario"
         )
+
+
+def _check_problem(called: str, learned: Scenario, asked: Scenario) -> None:
+    if learned.walker != asked.walker:
+        said = f"{called} learned for another walker; choose the same, {learned.walker.in_words()}"
+        raise ModelError(f"{said}, or another planner", field="walker")
+    if learned.objective != asked.objective:
+        said = f"{called} learned for another objective; choose the same, or another planner"
+        raise ModelError(said, field="objective")
 
 
 def _check_place(folder: Path, metadata: Metadata, scenario_map: ScenarioMap) -> None:

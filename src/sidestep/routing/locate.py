@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import jax
 import numpy as np
@@ -66,6 +67,9 @@ class Circumstances:
 @runtime_checkable
 class Locator(Protocol):
     """Locates requests on one map of a scenario."""
+
+    def changed(self, scenario: Scenario, /) -> Self:
+        """The same for a scenario that has another objective."""
 
     def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> Located:
         """Find places on the streets, and the crowds at the departure.
@@ -151,6 +155,9 @@ class GridLocator:
     scenario_map: ScenarioMap
     paces: Paces
 
+    def changed(self, scenario: Scenario, /) -> Self:
+        return replace(self, scenario=scenario)
+
     def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> Located:
         scenario, ends = self.scenario, tuple(map(self._end, asked))
         start = GridClock(scenario.horizon)
@@ -201,6 +208,11 @@ class TownLocator:
         self.snapper, self._crossings = Snapper(self._streets.town), set(self._streets.crossings.tolist())
         self._sensors = len(set(scenario_map.sensors)) or None
         self.paces = Paces(scenario_map)
+
+    def changed(self, scenario: Scenario, /) -> Self:
+        other = copy(self)
+        other._scenario = scenario  # noqa: SLF001 - of this class
+        return other
 
     def clock(self, depart: Departure | None, field: str) -> TownClock:
         """Let clock 0 be a departure (:func:`sidestep.routing.clocks.town_clock`)."""

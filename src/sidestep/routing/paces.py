@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 from sidestep.scenarios.expectation import expected_pace
 from sidestep.scenarios.maps import ScenarioMap
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import ObjectiveSpec, Scenario
 
 KEPT = 16
 """Hours whose paces are kept, the latest ones."""
@@ -34,7 +34,7 @@ class Paces:
         Float[Array, "segment step"] or None
             None where crowds come as they are expected.
         """
-        return self._kept(scenario, hour)
+        return self._kept(scenario.changed(objective=ObjectiveSpec()), hour)  # which no pace depends on
 
     def _work_out(self, scenario: Scenario, hour: float) -> Float[Array, "segment step"] | None:
         return expected_pace(scenario, self._map, hour)

@@ -1,6 +1,7 @@
 """Planning many routes through one place from one process."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
@@ -19,6 +20,7 @@ from sidestep.planners.base import Planner
 from sidestep.planners.registry import BASELINE, find_planner
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Expected
+from sidestep.routing import walks
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.crowds import StreetCrowds, street_crowds
 from sidestep.routing.departures import MOST_DEPARTURES, DepartureWindow, departure_window, latest_departure
@@ -48,10 +50,10 @@ from sidestep.routing.request import (
     read_place,
 )
 from sidestep.routing.street_times import Tables
-from sidestep.routing.walks import Walker, planned
 from sidestep.scenarios.maps import draw_map, sensor_names, with_latest_counts
-from sidestep.scenarios.model import Scenario
+from sidestep.scenarios.model import ObjectiveSpec, Scenario
 from sidestep.scenarios.reader import find_scenario
+from sidestep.scenarios.walkers import Walker
 
 if TYPE_CHECKING:
     from sidestep.planners.learned import Learned
@@ -104,10 +106,12 @@ class Router:
         self, scenario: Scenario | str | Path, *, model: Path | str | None = None, seed: int = 0, index: int = 0
     ) -> None:
         self.scenario = scenario if isinstance(scenario, Scenario) else find_scenario(scenario)
+        self._seed, self._index = seed, index
         self._map = draw_map(self.scenario, seed, index)
         self._locate = locator(self.scenario, self._map)
         self._learned: Learned | None = None
-        self._live: LiveCounts | None = None
+        self.live: LiveCounts | None = None
+        """The counts that crowds of departures soon go on from; None where none are known."""
         if model is None:
             return
         from sidestep.planners import learned  # what agents learn with takes long to import
@@ -116,6 +120,37 @@ class Router:
             self._learned = learned.load_planners([Path(model)], self.scenario, seed)
         if self._learned.index not in (None, index):
             raise RouteError(f"the model remembers map {self._learned.index}, not {index}", field="model")
+
+    def changed(self, *, walker: Walker | None = None, objective: ObjectiveSpec | None = None) -> "Router":
+        """Another router through the same place, with the same model.
+
+        An objective changes neither streets nor crowds: with another one, all that was loaded and worked out is shared.
+
+        Parameters
+        ----------
+        walker, objective
+            Those of the other router; by default they stay.
+
+        Returns
+        -------
+        Router
+            For another walker a new one, whose crowds go on from no counts yet; otherwise it goes on from those that
+            this one goes on from now.
+
+        Raises
+        ------
+        SidestepError
+            A walker that can take no street (field ``walker``). A model that learned for another walker or objective
+            is refused only once it is asked to plan.
+        """
+        other = copy(self)
+        if walker is not None and walker != self.scenario.walker:
+            other = Router(self.scenario.changed(walker=walker), seed=self._seed, index=self._index)
+            other._learned = self._learned
+        if objective is not None:
+            other.scenario = other.scenario.changed(objective=objective)
+            other._locate = other._locate.changed(other.scenario)
+        return other
 
     def plan(
         self,
@@ -176,7 +211,9 @@ class Router:
                 depart=request.depart, live=request.live, avoid=request.avoid, exclude=request.exclude
             )
             located = self._between(request.origin, request.destination, given)
-            return planned(Walker(located, self.choose_planner(request.planner, located), request.futures), request)
+            return walks.planned(
+                walks.Walker(located, self.choose_planner(request.planner, located), request.futures), request
+            )
         given = Circumstances(
             depart=request.arrive_by,
             avoid=request.avoid,
@@ -405,19 +442,19 @@ class Router:
         """
         latest = live.latest(sensor_names(self._map), now)
         if latest is None:
-            self._live = None
+            self.live = None
             self.quick.tables.forget_counts()
             return 0
         with at_fault("live"):
             flow = with_latest_counts(self._map, latest).flow
         begins = now.replace(second=0, microsecond=0)  # departures are often given to the minute
         self.quick.tables.go_on_from(flow, self.clock(begins), live.lasts(sensor_names(self._map), begins))
-        self._live = live
+        self.live = live
         return latest.known
 
     def _lately(self, given: Counts | None) -> Counts | None:
         """The counts that are given, or those that the router goes on from."""
-        return self._live if given is None else given
+        return self.live if given is None else given
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -511,7 +548,11 @@ class Router:
         Raises
         ------
         RouteError
-            An end in the middle of a street (field ``origin`` or ``destination``).
+            Planners that are not known (field ``planner``), and an end in the middle of a street (``origin`` or
+            ``destination``).
+        ModelError
+            A model that learned for another walker or objective (field ``walker`` or ``objective``), or for other
+            destinations (``destination``).
         """
         check_planner(asked)
         model = self._learned
@@ -521,6 +562,7 @@ class Router:
         if model is None or planner not in model.planners:
             with at_fault("planner"):
                 return find_planner(planner)
+        model.check_problem(self.scenario)
         for field, end in zip(("origin", "destination"), located.ends, strict=True):
             if model.index is not None and end.node >= self._map.network.nodes:
                 raise RouteError(f"the model remembers nodes; give the {field} as one", field=field)
