@@ -17,6 +17,7 @@ from sidestep.server import under_way
 from sidestep.server.app import make_app
 from sidestep.server.replay import Client, ReplayError, hours_of, replay
 from sidestep.server.settings import KEY_VARIABLE, Settings
+from sidestep.server.variants import Variants
 
 DEGREE = 111_195.08  # m, on the equator in both directions
 PLACES = [(0, 0), (50, 0), (250, 0), (300, 0), (50, -30), (250, -30)]
@@ -129,6 +130,24 @@ def test_counts_change_routes_and_corrections_change_them_back(client: httpx.Cli
     assert post(long(MANY)).json()["unchanged"] == 1
     assert post(long(USUAL)).json()["corrected"] == 1
     assert names(client.get(ROUTE)) == ["Gate", "Long Street", "Quay"]
+
+
+@pytest.mark.parametrize(
+    "asked", ["walker=older", "objective=exposure=0.1", "walker=older&objective=exposure=0.1", "planner=snapshot"]
+)
+def test_counts_change_the_routes_of_all(client: httpx.Client, post, asked: str) -> None:
+    """Of walkers whose router is made after the first counts, and is there before others; and by other objectives."""
+    for count, street in ((MANY, "Back Road"), (USUAL, "Long Street")) * 2:
+        post(long(count))
+        assert names(client.get(f"{ROUTE}&{asked}")) == ["Gate", street, "Quay"]
+
+
+def test_routers_begin_again_once_they_are_kept(client: httpx.Client) -> None:
+    """Counts that come while one is made are handed to those that are kept."""
+    kept: list[bool] = []
+    variants = Variants(client.app.state.town.router, lambda router: kept.append(router in list(variants)))
+    variants.router("older", "distance")
+    assert kept == [False, True]
 
 
 def test_routes_of_all_kinds_go_on_from_counts(client: httpx.Client, post) -> None:

@@ -103,14 +103,19 @@ class Counting:
         self._live = LiveCounts(tuple(self._store.counts_between(now - LOOKBACK, now + AHEAD)), self._venue.timezone)
         known = 0
         for router in routers:
-            known = self.begin(router, now)
+            known = self._go_on(router, now)
         changed = version != self.version or known > 0 or self._counted > 0
         self.version, self._refreshed, self._counted = version, now, known
         return changed
 
-    def begin(self, router: Router, now: datetime | None = None) -> int:
-        """Let a router's crowds go on from the latest counts that are known, and say from how many sensors."""
-        here = self._clock.local(now or self._clock.instant).replace(tzinfo=None)
+    def begin(self, router: Router) -> None:
+        """Let a router's crowds go on from the latest counts that are known, if they do not yet."""
+        if router.live is not self._live:
+            self._go_on(router, self._clock.instant)
+
+    def _go_on(self, router: Router, now: datetime) -> int:
+        """Let a router's crowds go on from the latest counts, and say from how many sensors."""
+        here = self._clock.local(now).replace(tzinfo=None)
         return router.go_on_from(self._live, here) if self.sensors else 0
 
     @property

@@ -86,7 +86,7 @@ class ServedTown:
         self.store = Store(settings.store_url(self.scenario.name))
         self.clock = ServerClock(self.venue.timezone, self.store)
         self.counting = Counting(self.venue, self.router, self.store, self.clock)
-        self.variants = Variants(self.router, lambda other: (other.quick, self.counting.begin(other)))
+        self.variants = Variants(self.router, self.counting.begin)
         self._heavy = Desk(AT_ONCE, MOST_WAITING, MOST_OF_ONE, PATIENCE)
         self._brief = Desk(1, 2 * MOST_WAITING, 2 * MOST_OF_ONE, PATIENCE)
 
