@@ -2,9 +2,10 @@
 
 import math
 import operator
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import NoReturn
 
@@ -28,6 +29,8 @@ SILENT = timedelta(minutes=90)
 time in which it was counted: hourly counts may come half an hour late."""
 LASTING = timedelta(minutes=5)
 """Steps in which it is found out how long counts tell something."""
+DEPARTURES = 64
+"""Departures for which is kept what crowds go on from."""
 LOOKBACK = SILENT + HOUR + LONGEST
 """Counts that began earlier say nothing of now."""
 _LONGEST_NAME = 200
@@ -98,8 +101,17 @@ class LiveCounts:
         LatestCounts or None
             None where no sensor is known any more.
         """
+        return self._latest(tuple(sensors), departure, departure.fold)
+
+    @cached_property
+    def _latest(self) -> Callable[[tuple[str, ...], datetime, int], LatestCounts | None]:
+        """Worked out once for each departure, since many set out in the same minute; times of a fold are equal."""
         zone = UTC if self.timezone is None else timezone_of(self.timezone)
-        return latest(self.counts, sensors, departure.replace(tzinfo=zone), self.timezone)
+        return lru_cache(DEPARTURES)(
+            lambda sensors, departure, _fold: latest(
+                self.counts, sensors, departure.replace(tzinfo=zone), self.timezone
+            )
+        )
 
     def lasts(self, sensors: Sequence[str], departure: datetime) -> float:
         """How long departures from a local time on know of any count.
@@ -278,10 +290,13 @@ def latest(
 
 def _in_last_hour(counts: list[LiveCount], now: datetime) -> tuple[float, datetime] | None:
     """Persons an hour in the last hour of one sensor, and the middle of the time in which it was counted."""
-    over = sorted((each for each in counts if each.ends <= now + AHEAD), key=operator.attrgetter("begins"))
-    if not over or now - (end := max(each.ends for each in over)) >= SILENT:
+    done_by = now + AHEAD
+    ends = [(each.ends, each) for each in counts]
+    end = max((ended for ended, _ in ends if ended <= done_by), default=None)
+    if end is None or now - end >= SILENT:
         return None
     first, hour = end - HOUR, round(HOUR.total_seconds())
+    over = sorted((each for ended, each in ends if first < ended <= done_by), key=operator.attrgetter("begins"))
     whose = np.full(hour, -1)  # which count each second is of
     for number, each in enumerate(over):
         begun, done = (round((time - first).total_seconds()) for time in (each.begins, each.ends))
