@@ -217,6 +217,34 @@ def test_a_route_with_the_keyboard_alone(opened):
     view.until(lambda: view.page.url != link)
 
 
+def test_enter_takes_what_is_typed_and_not_what_was_found_before(opened):
+    view = opened().open("#at=Sat-17:30")
+    box = view.page.locator("#end-from")
+    box.fill("kaivok")
+    expect(view.page.get_by_role("option").first).to_contain_text("Kaivokatu")
+    box.fill("bulevar")
+    box.press("Enter")
+    expect(box).to_have_value("Bulevardi")
+    view.page.wait_for_timeout(400)  # what was still to be looked for does not open the list again
+    expect(box).to_have_attribute("aria-expanded", "false")
+    expect(view.page.locator("#alert")).to_be_hidden()
+
+
+def test_a_street_that_is_not_there_is_not_taken(opened):
+    view = opened().open(f"{ROUTE}&planners=expected")
+    ends = "() => JSON.stringify([sidestep.state.from, sidestep.state.to].map(({ lon, lat }) => [lon, lat]))"
+    before, box = view.get(ends), view.page.locator("#end-to")
+    box.fill("no such street")
+    box.press("Enter")
+    expect(view.page.locator("#alert-says")).to_contain_text("no such street")
+    view.page.wait_for_timeout(400)
+    box.press("Enter")  # now the list says so, too
+    view.page.wait_for_timeout(400)
+    assert view.get(ends) == before
+    box.fill("kaivok")
+    expect(view.page.locator("#alert")).to_be_hidden()
+
+
 def test_the_link_holds_the_view(opened):
     view = opened().open(f"{ROUTE}&planners=shortest-path&walker=wheelchair&tab=reach")
     view.page.click("#zoom-in")

@@ -63,11 +63,15 @@ function combobox(end) {
     icon(CROSS),
   );
   let options = [];
+  let offered = null; // the text that the options are for
+  let entered = false; // Enter was pressed before they were there
   let at = -1;
   let asking = null;
 
   const open = () => !list.hidden;
   const close = () => {
+    asking?.abort();
+    entered = false;
     list.hidden = true;
     at = -1;
     input.setAttribute("aria-expanded", "false");
@@ -89,12 +93,21 @@ function combobox(end) {
     complain("search", null);
     const place = option.place();
     input.value = inWords(place);
+    offered = input.value;
     expectClick(null);
     change({ [end]: place });
     lookAt(place);
   }
 
-  function offer(found) {
+  /** List what was found for a text; where Enter waits for it, take the first, or say that there is nothing. */
+  function offer(text, found) {
+    offered = text;
+    if (entered) {
+      entered = false;
+      if (found.length > 0) choose(found[0]);
+      else complain("search", `No street here is called “${text}”; type a part of its name, or coordinates.`);
+      return;
+    }
     options = found.map((option, turn) => ({
       ...option,
       node: make(
@@ -108,48 +121,54 @@ function combobox(end) {
       option.node.addEventListener("pointerdown", (event) => event.preventDefault()); // the text keeps the focus
       option.node.addEventListener("click", () => choose(option));
     }
-    list.replaceChildren(...options.map((option) => option.node));
+    const none = make("li", { role: "option", "aria-disabled": "true", text: `No street is called “${text}”` });
+    list.replaceChildren(...(options.length > 0 ? options.map((option) => option.node) : [none]));
     at = -1;
     input.removeAttribute("aria-activedescendant");
-    const some = options.length > 0 && document.activeElement === input;
-    list.hidden = !some;
-    input.setAttribute("aria-expanded", String(some));
+    list.hidden = document.activeElement !== input;
+    input.setAttribute("aria-expanded", String(!list.hidden));
   }
 
   const onMap = { says: "The middle of the map", more: "as it is shown now", place: middle };
 
-  const search = settled(120, async () => {
+  async function search() {
     const text = input.value.trim();
     asking?.abort();
     const place = coordinates(text);
     if (place) {
-      offer([{ says: inWords(place), more: "latitude, longitude", place: () => place }]);
+      offer(text, [{ says: inWords(place), more: "latitude, longitude", place: () => place }]);
       return;
     }
     if (text === "") {
-      offer([onMap]);
+      offer(text, [onMap]);
       return;
     }
     asking = new AbortController();
     try {
       const found = await get("search", { q: text, limit: 7 }, asking.signal);
       complain("search", null);
-      const named = found.map((each) => ({
-        says: each.name,
-        more: length(each.metres),
-        place: () => ({ lon: each.longitude, lat: each.latitude, name: each.name }),
-      }));
       offer(
-        named.length > 0
-          ? named
-          : [{ ...onMap, says: `No street is called “${text}”`, more: "take the middle of the map" }],
+        text,
+        found.map((each) => ({
+          says: each.name,
+          more: length(each.metres),
+          place: () => ({ lon: each.longitude, lat: each.latitude, name: each.name }),
+        })),
       );
     } catch (error) {
-      if (error.name !== "AbortError") complain("search", error.message);
+      if (error.name === "AbortError") return;
+      entered = false;
+      complain("search", error.message);
     }
-  });
+  }
+  const searchSoon = settled(120, () => offered !== input.value.trim() && search());
 
-  input.addEventListener("input", search);
+  input.addEventListener("input", () => {
+    [entered, offered] = [false, null]; // what is listed is for another text
+    highlight(-1);
+    complain("search", null);
+    searchSoon();
+  });
   input.addEventListener("focus", () => {
     expectClick(end);
     input.select();
@@ -165,13 +184,15 @@ function combobox(end) {
     const last = options.length;
     if (event.key === "ArrowDown" || event.key === "ArrowUp") {
       event.preventDefault();
-      if (!open()) search();
+      if (!open() || offered !== input.value.trim()) search();
       else if (last > 0) highlight(event.key === "ArrowDown" ? (at + 1) % last : (at <= 0 ? last : at) - 1);
     } else if (event.key === "Enter") {
       event.preventDefault();
-      const place = coordinates(input.value);
-      if (open() && last > 0) choose(options[Math.max(at, 0)]);
-      else if (place) choose({ place: () => place });
+      if (at >= 0) choose(options[at]);
+      else if (input.value.trim() !== "") {
+        entered = true;
+        search();
+      }
     } else if (event.key === "Escape") {
       if (open()) close();
       else input.value = "";
