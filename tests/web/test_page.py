@@ -117,16 +117,39 @@ def test_planners_alternatives_and_directions(opened):
     rows.filter(has_text="Another way").get_by_role("button").first.click()
     expect(view.page.locator("#directions h2")).to_contain_text("another way 1")
     expect(view.page.locator("#directions li").last).to_contain_text("Arrive")
-    turns = view.page.get_by_role("button", name="minutes by shortest-path")
-    turns.focus()
+    way = view.page.get_by_role("button", name="shortest-path")
+    way.focus()
     view.page.keyboard.press("Enter")
     expect(view.page.locator("#directions h2")).to_have_text("Turn by turn, shortest-path")
-    expect(turns).to_be_focused()
-    view.page.get_by_role("checkbox", name="shortest-path").uncheck()
+    expect(way).to_be_focused()
+    box = view.page.get_by_role("checkbox", name="shortest-path")
+    expect(box).to_be_checked()  # to look at a way does not take it away
+    box.uncheck()
     view.until(lambda: "shortest-path" not in {each["planner"] for each in drawn(view, "routes")})
     view.until(lambda: "planners=expected&" in view.page.url)
     view.page.get_by_role("button", name="More planners").click()
     expect(view.page.get_by_role("checkbox", name="random-walk")).to_be_visible()
+    rows.filter(has_text="greedy-map").click()
+    expect(view.page.get_by_role("checkbox", name="greedy-map")).to_be_checked()
+    expect(view.page.locator("#directions h2")).to_have_text("Turn by turn, greedy-map", timeout=60000)
+
+
+def test_numbers_of_another_question_are_not_shown(opened):
+    view = opened().open(ROUTE)
+    rows = view.page.locator("#routes-body tr")
+    expect(rows.filter(has_text="9 in 10")).not_to_have_count(0, timeout=60000)
+    expect(view.page.locator("#panel-routes")).to_have_attribute("aria-busy", "false")
+    view.page.route("**/route/v1/foot", lambda _: None)  # an answer that takes long
+    view.page.locator("#slider").fill("240")
+    expect(view.page.locator("#panel-routes")).to_have_attribute("aria-busy", "true")
+    expect(view.page.locator("#routes-status")).to_have_text("Planning routes")
+    expect(rows.filter(has_text="planning")).to_have_count(2)
+    assert not re.search(r"\d", view.page.locator("#routes-body").inner_text())
+    expect(view.page.locator("#directions")).to_be_empty()
+    expect(view.page.locator("#summary")).not_to_contain_text("min")
+    view.page.locator("#slider").fill("1050")  # back at what was asked first, for which there are numbers
+    expect(first_row(view)).to_contain_text(re.compile(r"expected.*\d", re.DOTALL))
+    expect(first_row(view)).to_have_attribute("aria-busy", "true")
 
 
 def test_the_best_time_to_leave(opened):

@@ -113,7 +113,7 @@ function style() {
           "line-color": routeColour(),
           "line-width": routeWidth(0),
           "line-dasharray": dashes,
-          "line-opacity": ["case", ["any", ["get", "picked"], ["get", "first"]], 1, 0.6],
+          "line-opacity": ["get", "opacity"],
         },
       },
       {

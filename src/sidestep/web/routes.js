@@ -1,7 +1,8 @@
 // Routes of several planners beside each other, and other ways of the one that searches by expected times.
 
-import { get, lonLat } from "./api.js";
+import { lonLat, send } from "./api.js";
 import { DASHES, palette, onTheme } from "./colours.js";
+import { minutes, number, turnByTurn } from "./directions.js";
 import { byId, complain, draw, make, settled } from "./dom.js";
 import { frame, paint } from "./map.js";
 import { asked, change, onChange, state } from "./state.js";
@@ -22,6 +23,7 @@ const OTHERS = {
   "random-walk": "anywhere",
 };
 const WANTS = { time: "the least time", distance: "the fewest metres", exposure: "the fewest people" };
+const ASKED = ["from", "to", "at", "planners", "walker", "objective"];
 const ALTERNATIVES = 2;
 const LIVE = new Set(["snapshot", "forecast", "darp", "clairvoyant"]);
 
@@ -32,39 +34,49 @@ let picked = null; // id of the route whose way is described, by default the fir
 let chosen = null; // the one that was clicked
 let asking = null;
 let framed = ""; // ends that were framed
-const found = new Map(); // planner -> {status, routes, error}
+const found = new Map(); // planner -> {question, ends, asking, routes, error}
 
-/** What a route is asked with besides its ends. */
-const circumstances = () => ({ depart_at: asked(state.at), walker: state.walker, objective: state.objective });
+/** What is asked of every planner: numbers are shown for that alone. */
+const question = () => JSON.stringify([ends(), state.at, state.walker, state.objective]);
+const ends = () => state.from && state.to && `${lonLat(state.from)};${lonLat(state.to)}`;
 
-/** Minutes in few digits. */
-export const minutes = (seconds) => {
-  const value = seconds / 60;
-  return value < 10 ? value.toFixed(1) : String(Math.round(value));
-};
-
-const number = (value) => Math.round(value).toLocaleString("en");
 const style = (planner) => Math.max(0, planners.indexOf(planner));
 const says = (planner) => SAYS[planner] ?? OTHERS[planner] ?? "";
 
-/** All routes that are known, those of one planner together. */
-const rows = () =>
-  state.planners.flatMap((planner) =>
-    (found.get(planner)?.routes ?? []).map((route, turn) => ({ planner, turn, route, id: `${planner}:${turn}` })),
-  );
+/** What a planner answered to what is asked now, as far as it has. */
+function answerOf(planner) {
+  const known = found.get(planner);
+  return known?.question === question() ? known : { asking: true, routes: [], error: null };
+}
 
+const rowsOf = (planner, routes) => routes.map((route, turn) => ({ planner, turn, route, id: `${planner}:${turn}` }));
+
+/** All routes that answer what is asked now, those of one planner together. */
+const rows = () => (ends() ? state.planners.flatMap((planner) => rowsOf(planner, answerOf(planner).routes)) : []);
+
+/** Draw the routes; those of another hour or walker stay, pale, until there are others. */
 function paintRoutes() {
-  const on = state.tab === "routes" || state.tab === "leave";
-  const all = on && state.from && state.to ? rows() : [];
+  const on = (state.tab === "routes" || state.tab === "leave") && ends();
+  const known = on ? state.planners.map((planner) => [planner, found.get(planner)]) : [];
   paint(
     "routes",
-    all
-      .filter((row) => row.turn === 0 || row.id === picked || picked?.startsWith(`${row.planner}:`))
-      .map(({ id, planner, turn, route }) => ({
-        type: "Feature",
-        geometry: route.geometry,
-        properties: { id, planner, style: style(planner), picked: id === picked, first: turn === 0 },
-      })),
+    known
+      .filter(([, answer]) => answer?.ends === ends())
+      .flatMap(([planner, answer]) =>
+        rowsOf(planner, answer.routes)
+          .filter((row) => row.turn === 0 || picked?.startsWith(`${planner}:`))
+          .map(({ id, turn, route }) => ({
+            type: "Feature",
+            geometry: route.geometry,
+            properties: {
+              id,
+              planner,
+              style: style(planner),
+              picked: id === picked,
+              opacity: answer.question !== question() ? 0.35 : id === picked || turn === 0 ? 1 : 0.6,
+            },
+          })),
+      ),
   );
 }
 
@@ -94,22 +106,12 @@ function least(name) {
   return values.length > 1 ? Math.min(...values) : NaN;
 }
 
-function cells(row, best) {
-  const { route, id, planner } = row;
+function cells({ route }, best) {
   const cell = (name, ...content) => make("td", { class: route[name] === best[name] ? "least" : null }, ...content);
-  const shows = make("button", {
-    type: "button",
-    class: "link",
-    id: `turns-${id}`,
-    text: minutes(route.duration),
-    "aria-pressed": String(id === picked),
-    "aria-label": `${minutes(route.duration)} minutes by ${planner}: show its turns`,
-    onclick: () => choose(id),
-  });
   return [
     cell(
       "duration",
-      row.turn === 0 ? shows : minutes(route.duration),
+      minutes(route.duration),
       Number.isFinite(route.p90) ? make("small", { text: `9 in 10: ${minutes(route.p90)}` }) : null,
     ),
     cell("distance", number(route.distance)),
@@ -117,116 +119,81 @@ function cells(row, best) {
   ];
 }
 
+/** Whether routes of a planner are compared. */
+const compare = (planner, on) =>
+  change({ planners: planners.filter((each) => (each === planner ? on : state.planners.includes(each))) });
+
+/** A row that shows its way when it is pressed, anywhere but on its box. */
+function tableRow(id, { asking = false, box = null, name, says: more, mark = null, press }, ...columns) {
+  return make(
+    "tr",
+    { class: id === picked ? "picked" : null, "aria-busy": asking ? "true" : null, onclick: press },
+    make(
+      "th",
+      { scope: "row" },
+      make(
+        "div",
+        { class: "way" },
+        box ?? make("span"),
+        make(
+          "button",
+          { type: "button", id: `way-${id}`, "aria-pressed": String(id === picked) },
+          make("b", { text: name }),
+          mark,
+          more ? make("small", { text: more }) : null,
+        ),
+      ),
+    ),
+    ...columns,
+  );
+}
+
 function body() {
   const best = Object.fromEntries(["duration", "distance", "people_met"].map((name) => [name, least(name)]));
-  const both = state.from !== null && state.to !== null;
   const listed = planners.filter((planner) => more || planner in SAYS || state.planners.includes(planner));
   return listed.flatMap((planner) => {
     const on = state.planners.includes(planner);
-    const answer = on && both ? found.get(planner) : null;
-    const box = make("input", {
-      type: "checkbox",
-      id: `plan-${planner}`,
-      checked: on,
-      onchange: (event) =>
-        change({
-          planners: planners.filter((each) =>
-            each === planner ? event.target.checked : state.planners.includes(each),
-          ),
-        }),
-    });
-    box.checked = on;
-    const title = make(
+    const answer = on && ends() ? answerOf(planner) : null;
+    const box = make(
       "label",
-      { for: `plan-${planner}` },
-      box,
-      make(
-        "span",
-        { class: "who" },
-        make("b", { text: planner }),
-        on ? line(planner) : null,
-        make("small", { text: says(planner) }),
+      { onclick: (event) => event.stopPropagation() },
+      make("input", {
+        type: "checkbox",
+        id: `plan-${planner}`,
+        "aria-label": `Compare ${planner}`,
+        checked: on,
+        onchange: (event) => compare(planner, event.target.checked),
+      }),
+    );
+    const waits = answer?.asking ? make("span", { class: "busy", text: "planning" }) : (answer?.error ?? "");
+    const all = rowsOf(planner, answer?.routes ?? []);
+    const [first, ...others] = all;
+    return [
+      tableRow(
+        `${planner}:0`,
+        {
+          asking: answer?.asking,
+          box,
+          name: planner,
+          says: says(planner),
+          mark: on ? line(planner) : null,
+          press: () => {
+            if (!on) compare(planner, true);
+            choose(`${planner}:0`);
+          },
+        },
+        ...(first ? cells(first, best) : [make("td", { colspan: 3, class: "note" }, waits)]),
       ),
-    );
-    const pick = (id) => ({
-      class: `${id === picked ? "picked" : ""} ${answer?.status === "asking" ? "asking" : ""}`.trim() || null,
-      onclick: (event) => event.target.closest("label, button") || choose(id),
-    });
-    const first = answer?.routes?.[0];
-    const head = make(
-      "tr",
-      first ? pick(`${planner}:0`) : {},
-      make("th", { scope: "row" }, title),
-      ...(first
-        ? cells({ route: first, id: `${planner}:0`, planner, turn: 0 }, best)
-        : [
-            make(
-              "td",
-              { colspan: 3, class: "note" },
-              answer?.status === "asking" ? make("span", { class: "busy", text: "planning" }) : (answer?.error ?? ""),
-            ),
-          ]),
-    );
-    const others = (answer?.routes ?? []).slice(1).map((route, turn) =>
-      make(
-        "tr",
-        { ...pick(`${planner}:${turn + 1}`) },
-        make(
-          "th",
-          { scope: "row", class: "other" },
-          make("button", {
-            type: "button",
-            class: "link",
-            id: `turns-${planner}:${turn + 1}`,
-            text: `Another way, ${turn + 1}`,
-            "aria-pressed": String(`${planner}:${turn + 1}` === picked),
-            onclick: () => choose(`${planner}:${turn + 1}`),
-          }),
+      ...others.map((row) =>
+        tableRow(
+          row.id,
+          { asking: answer.asking, name: `Another way, ${row.turn}`, press: () => choose(row.id) },
+          ...cells(row, best),
         ),
-        ...cells({ route, id: `${planner}:${turn + 1}`, planner, turn: turn + 1 }, best),
       ),
-    );
-    return [head, ...others];
+    ];
   });
 }
-
-const ARROWS = {
-  left: "M17 19v-7a4 4 0 0 0-4-4H6m0 0 4-4M6 8l4 4",
-  right: "M7 19v-7a4 4 0 0 1 4-4h7m0 0-4-4m4 4-4 4",
-  straight: "M12 20V5m0 0L7 10m5-5 5 5",
-  uturn: "M17 19V9a5 5 0 0 0-10 0v9m0 0-3.5-3.5M7 18l3.5-3.5",
-};
-
-const arrow = (modifier = "") =>
-  modifier.includes("uturn")
-    ? ARROWS.uturn
-    : modifier.includes("left")
-      ? ARROWS.left
-      : modifier.includes("right")
-        ? ARROWS.right
-        : ARROWS.straight;
-
-/** A text with a capital in front. */
-export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
-
-const COMPASS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];
-
-/** A turn in words. */
-function turnWords(step) {
-  const { type = "", modifier = "", bearing_after: bearing = 0 } = step.maneuver ?? {};
-  const into = step.name ? ` ${type === "depart" ? "on" : "into"} ${step.name}` : "";
-  if (type === "arrive") return "Arrive";
-  if (!step.name && step.maneuver?.instruction) return capital(step.maneuver.instruction);
-  if (type === "depart") return `Head ${COMPASS[Math.round(bearing / 45) % 8]}${into}`;
-  if (modifier.includes("uturn")) return `Turn round${into}`;
-  if (modifier.includes("slight")) return `Bear ${modifier.replace("slight ", "")}${into}`;
-  if (modifier.includes("straight") || modifier === "") return `Go on${step.name ? ` along ${step.name}` : ""}`;
-  return `Turn ${modifier}${into}`;
-}
-
-/** An icon for a turn. */
-export const turnIcon = (modifier) =>
-  draw("svg", { viewBox: "0 0 24 24", class: "turn", "aria-hidden": "true" }, draw("path", { d: arrow(modifier) }));
 
 function directions() {
   const row = rows().find((each) => each.id === picked) ?? null;
@@ -235,48 +202,37 @@ function directions() {
     box.replaceChildren();
     return;
   }
-  const steps = row.route.legs?.flatMap((leg) => leg.steps ?? []) ?? [];
   box.replaceChildren(
     make("h2", { text: `Turn by turn, ${row.planner}${row.turn ? `, another way ${row.turn}` : ""}` }),
-    make(
-      "ol",
-      { class: "steps" },
-      ...steps.map((step) =>
-        make(
-          "li",
-          {},
-          turnIcon(step.maneuver?.modifier),
-          make("span", { text: turnWords(step) }),
-          step.distance > 0
-            ? make("small", { text: `${number(step.distance)} m, ${minutes(step.duration)} min` })
-            : null,
-        ),
-      ),
-    ),
+    turnByTurn(row.route),
   );
 }
 
-let head = null;
-
+/** In one line what the sheet of narrow screens hides, and what screen readers are told. */
 function summary() {
-  const row = pickedRoute();
+  const row = rows().find((each) => each.id === picked);
+  const asking = ends() !== null && state.planners.some((planner) => answerOf(planner).asking);
   const sure = row && Number.isFinite(row.route.p90) ? `, 9 in 10 within ${minutes(row.route.p90)}` : "";
   byId("summary").replaceChildren(
     ...(row
       ? [make("b", { text: `${minutes(row.route.duration)} min` }), `, ${number(row.route.distance)} m${sure}`]
-      : []),
+      : [asking ? "Planning …" : ""]),
   );
-  byId("summary").hidden = !row || !state.from || !state.to;
+  byId("summary").hidden = !row && !asking;
+  byId("panel-routes").setAttribute("aria-busy", String(asking));
+  const told = asking ? "Planning routes" : row ? `${row.planner}: ${byId("summary").textContent}` : "";
+  if (byId("routes-status").textContent !== told) byId("routes-status").textContent = told;
 }
 
 function show() {
   const focus = document.activeElement?.id; // the rows are made anew
   const all = rows();
-  picked = (all.find((row) => row.id === chosen) ?? all[0])?.id ?? null;
+  const [planner] = (chosen ?? "").split(":");
+  const coming = state.planners.includes(planner) && answerOf(planner).asking;
+  picked = coming ? chosen : ((all.find((row) => row.id === chosen) ?? all[0])?.id ?? null);
   byId("routes-body").replaceChildren(...body());
-  if (/^(plan|turns)-/.test(focus ?? "")) byId(focus)?.focus();
-  byId("routes-none").hidden = state.from !== null && state.to !== null;
-  head.hidden = false;
+  if (/^(plan|way)-/.test(focus ?? "")) byId(focus)?.focus();
+  byId("routes-none").hidden = ends() !== null;
   paintRoutes();
   directions();
   summary();
@@ -295,74 +251,64 @@ const rest = (milliseconds, signal) =>
 
 /** Show all of the routes: of a link closely, of ends on the map only where they are out of sight. */
 function frameRoutes() {
-  const ends = `${lonLat(state.from)};${lonLat(state.to)}`;
-  const asking = state.planners.some((planner) => found.get(planner)?.status === "asking" && !LIVE.has(planner));
-  if (asking || framed === ends) return;
+  const asking = state.planners.some((planner) => answerOf(planner).asking && !LIVE.has(planner));
+  if (asking || framed === ends()) return;
   frame(
     rows().flatMap(({ route }) => route.geometry.coordinates),
     { keep: framed !== "" || state.camera !== null },
   );
-  framed = ends;
+  framed = ends();
 }
 
 async function ask(planner, signal) {
-  const query = { ...circumstances(), planner, overview: "full", geometries: "geojson", steps: "true" };
-  const path = `route/v1/foot/${lonLat(state.from)};${lonLat(state.to)}`;
-  const take = (answer) => {
-    found.set(planner, { status: "found", routes: answer.routes, error: null });
+  const what = { question: question(), ends: ends() };
+  const body = {
+    coordinates: [state.from, state.to].map(({ lon, lat }) => [lon, lat]),
+    depart_at: asked(state.at) ?? undefined,
+    walker: state.walker || undefined,
+    objective: state.objective || undefined,
+    planner,
+    overview: "full",
+    geometries: "geojson",
+    steps: true,
+  };
+  const route = async (more) => {
+    const { routes } = await send("POST", "route/v1/foot", { ...body, ...more }, signal);
+    found.set(planner, { ...what, asking: false, routes, error: null });
     complain(`route ${planner}`, null);
     show();
   };
   try {
     // Other planners take longer, so they wait for the slider to rest.
-    if (planner !== "expected" && found.get(planner).routes.length > 0) await rest(350, signal);
-    take(await get(path, query, signal));
+    if (planner !== "expected" && found.has(planner)) await rest(350, signal);
+    await route({});
     frameRoutes();
     // Other ways, and how reliable it is, take longer: they are asked for when the route is there and the slider rests.
     await rest(500, signal);
-    take(
-      await get(
-        path,
-        {
-          ...query,
-          alternatives: planner === "expected" ? ALTERNATIVES : "false",
-          futures: LIVE.has(planner) ? 10 : 100,
-        },
-        signal,
-      ),
-    );
+    await route({
+      alternatives: planner === "expected" ? ALTERNATIVES : 0,
+      futures: LIVE.has(planner) ? 10 : 100,
+    });
   } catch (error) {
     if (error.name === "AbortError") return;
-    if (found.get(planner)?.status !== "found") {
-      found.set(planner, { status: "refused", routes: [], error: "no answer" });
-      complain(`route ${planner}`, error.message);
-      show();
-    }
+    if (!answerOf(planner).asking) return; // the route is there
+    found.set(planner, { ...what, asking: false, routes: [], error: "no answer" });
+    complain(`route ${planner}`, error.message);
+    show();
   }
 }
 
 /** All planners of the server, those that walkers would use first. */
 export const knownPlanners = () => planners;
 
-/** The route that is described, or the first. */
-const pickedRoute = () => rows().find((row) => row.id === picked) ?? rows()[0] ?? null;
-
 const plan = settled(40, async () => {
   asking?.abort();
   asking = new AbortController();
   for (const planner of planners) complain(`route ${planner}`, null);
-  if (state.from === null || state.to === null) {
-    found.clear();
-    show();
-    return;
-  }
-  const { signal } = asking;
-  for (const planner of state.planners) {
-    const before = found.get(planner);
-    found.set(planner, { status: "asking", routes: before?.routes ?? [], error: null });
-  }
+  if (ends() === null) found.clear();
+  else for (const planner of state.planners) if (found.has(planner)) found.get(planner).asking = true;
   show();
-  await Promise.all(state.planners.map((planner) => ask(planner, signal)));
+  if (ends() !== null) await Promise.all(state.planners.map((planner) => ask(planner, asking.signal)));
 });
 
 /** Ask for the routes anew: crowds have changed. */
@@ -400,7 +346,7 @@ export function startRoutes(facts) {
   planners = [...new Set(planners)];
   const known = planners.filter((planner) => state.planners.includes(planner));
   change({ planners: known.length > 0 ? known : planners.slice(0, 1) });
-  head = make(
+  const table = make(
     "table",
     { class: "planners" },
     make("caption", { class: "hidden", text: "Routes of several planners" }),
@@ -427,7 +373,8 @@ export function startRoutes(facts) {
   );
   byId("panel-routes").append(
     make("p", { id: "routes-none", class: "note", text: "Choose both ends: type a street, or click the map twice." }),
-    head,
+    table,
+    make("p", { id: "routes-status", class: "hidden", role: "status" }),
     planners.some((planner) => !(planner in SAYS))
       ? make("button", {
           type: "button",
@@ -458,7 +405,10 @@ export function startRoutes(facts) {
   );
   onTheme(show);
   onChange((changed) => {
-    if (["from", "to", "at", "planners", "walker", "objective"].some((name) => changed.has(name))) plan();
+    if (ASKED.some((name) => changed.has(name))) {
+      show(); // what was found for another question goes at once
+      plan();
+    }
     if (changed.has("tab")) paintRoutes();
   });
   show();

@@ -1,10 +1,11 @@
 // A walk played crossing by crossing: the server is told where the walker is and what it sees, and says how to go on.
 
 import { get, listen, send } from "./api.js";
+import { capital, minutes, turnIcon } from "./directions.js";
 import { byId, calm, complain, make, toast } from "./dom.js";
 import { along, bearing, length, upTo } from "./line.js";
 import { frame, lookAt, paint, putWalker } from "./map.js";
-import { capital, knownPlanners, minutes, turnIcon } from "./routes.js";
+import { knownPlanners } from "./routes.js";
 import { asked, clock, DAYS, onChange, state, WEEK } from "./state.js";
 
 const SPEEDS = [10, 30, 60, 120];
