@@ -124,13 +124,13 @@ class Counting:
         return {"version": self.version, "at": self._clock.local(self._refreshed).isoformat(), "counted": self._counted}
 
     def features(self) -> dict[str, Any]:
-        """What sensors counted in their last hour beside what is expected, as GeoJSON."""
+        """What sensors counted in their last hour beside what is expected, as GeoJSON: a feature for each."""
         names, now = self.sensors, self._clock.now().replace(tzinfo=None)
         latest = self._live.latest(names, now)
         expected = self._router.expected_counts(now)
         features = []
-        for name, latitude, longitude in self._places:
-            number = names.index(name)
+        for number, name in enumerate(names):
+            latitude, longitude = self._places[name]
             count = math.nan if latest is None else float(latest.counts[number])
             counted = math.isfinite(count)
             hour = None if latest is None or not counted else np.broadcast_to(latest.hour, len(names))[number]
@@ -147,6 +147,6 @@ class Counting:
         return {"type": "FeatureCollection", "features": features}
 
     @cached_property
-    def _places(self) -> list[tuple[str, float, float]]:
-        """Where sensors stand: name, latitude and longitude; one may stand on several streets."""
-        return sensor_places(self._venue)
+    def _places(self) -> dict[str, tuple[float, float]]:
+        """Latitude and longitude of each sensor; of one that is paired with several streets, on the first of them."""
+        return {name: (latitude, longitude) for name, latitude, longitude in reversed(sensor_places(self._venue))}
