@@ -162,7 +162,47 @@ def test_the_best_time_to_leave(opened):
     rows.nth(6).get_by_role("button").click()
     expect(view.page.locator("#time-shown")).to_have_text("Saturday 18:30")
     view.page.fill("#leave-by", "19:00")
-    expect(view.page.locator(".departures thead")).to_contain_text("there by 19:00", timeout=60000)
+    expect(view.page.locator("#leave-by-day")).to_have_text("Saturday")
+    expect(view.page.locator(".departures thead")).to_contain_text("there by Sat 19:00", timeout=60000)
+    view.until(lambda: "by=19:00" in view.page.url)
+    view.page.fill("#leave-by", "09:00")  # which is past
+    expect(view.page.locator("#leave-by-day")).to_have_text("Sunday, the next day")
+    expect(view.page.locator(".departures thead")).to_contain_text("there by Sun 09:00", timeout=60000)
+
+
+def test_a_route_that_arrives_by_a_time(opened):
+    view = opened().open(f"{ROUTE}&planners=expected")
+    expect(first_row(view)).to_contain_text(re.compile(r"expected.*\d", re.DOTALL))
+    view.page.fill("#arrive-by", "18:30")
+    expect(first_row(view)).to_contain_text("leave 18:1", timeout=60000)
+    view.until(lambda: "by=18:30" in view.page.url)
+    other = opened().open(f"#{view.page.url.partition('#')[2]}")
+    expect(other.page.locator("#arrive-by")).to_have_value("18:30")
+
+
+def test_areas_are_avoided_and_stand_in_the_link(opened):
+    view = opened().open(f"{ROUTE}&planners=expected")
+    keyboard = view.page.keyboard
+    view.until(lambda: drawn(view, "routes"))
+    way = "() => sidestep.map.getSource('routes').serialize().data.features[0].geometry.coordinates"
+    before = view.get(way)
+    view.page.get_by_text("Areas to avoid", exact=True).focus()
+    keyboard.press("Enter")
+    tab_to(view, "end-avoid")
+    longitude, latitude = before[len(before) // 2]
+    keyboard.type(f"{latitude} {longitude}")
+    keyboard.press("Enter")
+    view.until(lambda: "avoid=" in view.page.url)
+    expect(view.page.locator("#mark-avoid")).to_be_visible()
+    view.until(lambda: view.get(way) != before, 60)
+    near = [np.hypot((x - longitude) * 55_300, (y - latitude) * 111_195) for x, y in view.get(way)]
+    assert min(near) > 55
+    other = opened().open(f"#{view.page.url.partition('#')[2]}")
+    expect(other.page.locator(".areas select")).to_have_value("60")
+    view.until(lambda: drawn(view, "avoid-area"))
+    view.page.get_by_role("button", name="no more").click()
+    view.until(lambda: view.get(way) == before)
+    view.until(lambda: "avoid=" not in view.page.url)
 
 
 def test_how_far_one_gets(opened):
@@ -195,7 +235,9 @@ def test_a_posted_count_appears_and_changes_streets(opened, server, size):
     view = opened(size).open("#tab=crowds")
     expect(view.page.locator("#wire")).to_have_text("live")
     sensors = server.ask("/sensors")["features"]
-    name = sorted({each["properties"]["sensor"] for each in sensors})[0 if size == "desktop" else 1]
+    names = sorted(each["properties"]["sensor"] for each in sensors)
+    assert len(names) == len(set(names)) == server.ask("/town")["sensors"]
+    name = names[0 if size == "desktop" else 1]
     view.until(lambda: len(view.classes()) > 0)
     before, now = view.classes(), datetime.fromisoformat(server.ask("/clock")["now"])
     began, count = now - timedelta(minutes=61), 6000 if size == "desktop" else 5000
@@ -207,6 +249,41 @@ def test_a_posted_count_appears_and_changes_streets(opened, server, size):
     expect(view.page.locator("#crowds-kind")).to_contain_text("live")
     row = view.page.locator("#sensors-body tr").filter(has_text=name)
     expect(row.locator("td").first).to_have_text(f"{count:,}")
+    expect(view.page.locator("#mark-sensor")).to_be_visible()
+    assert sum(each["sensor"] == name for each in drawn(view, "sensors")) == 1
+
+
+def test_what_is_said_of_a_street_follows_the_time(opened):
+    view = opened(allowed=("Failed to load",)).open(f"{ROUTE}&planners=expected&tab=crowds")
+    view.until(lambda: drawn(view, "streets"))
+    expect(view.page.locator("#densest-body tr")).to_have_count(10)
+    spot = view.get("""() => {
+      const street = sidestep.map.queryRenderedFeatures([[600, 300], [1200, 600]], { layers: ["streets"] })[0];
+      const { x, y } = sidestep.map.project(street.geometry.coordinates.flat(Infinity).slice(0, 2));
+      const map = document.querySelector("#map").getBoundingClientRect();
+      return [x + map.left, y + map.top];
+    }""")
+    view.page.mouse.click(*spot)
+    crowd = view.page.locator("#here-crowd")
+    expect(crowd).to_contain_text("persons/m²")
+    before = crowd.inner_text()
+    view.page.locator("#slider").fill("240")
+    expect(crowd).not_to_have_text(before)
+    expect(crowd).to_contain_text("persons/m²")
+    view.page.route("**/crowds?*", lambda route: route.abort())
+    view.page.select_option("#day", "2")  # of which nothing is known yet
+    expect(crowd).to_have_text("…")
+    expect(view.page.locator("#densest-body")).to_be_hidden()
+
+
+def test_now_goes_on_without_counts(opened):
+    view = opened()
+    view.page.clock.install()
+    view.open("#tab=crowds")
+    expect(view.page.locator("#wire")).to_have_text("live")
+    asked = len([url for url in view.requested if "crowds?" in url and "at=" not in url])
+    view.page.clock.fast_forward("16:00")
+    view.until(lambda: len([url for url in view.requested if "crowds?" in url and "at=" not in url]) > asked)
 
 
 def test_a_route_with_the_keyboard_alone(opened):

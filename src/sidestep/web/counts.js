@@ -1,11 +1,11 @@
 // What is counted, as it arrives; and where it is crowded at the chosen time.
 
 import { get, listen } from "./api.js";
-import { crowding, onCrowds, refreshCrowds, shown } from "./crowds.js";
+import { crowding, exact, onCrowds, refreshCrowds, shown } from "./crowds.js";
 import { byId, make, settled, toast } from "./dom.js";
 import { flash, paint } from "./map.js";
 import { onChange, state } from "./state.js";
-import { setClock, setCounted } from "./time.js";
+import { now, setClock, setCounted } from "./time.js";
 
 const LISTED = 10;
 let town = null;
@@ -16,21 +16,17 @@ const lately = new Set();
 const number = (value) => (Number.isFinite(value) ? Math.round(value).toLocaleString("en") : "–");
 const when = (text) => /T(\d\d:\d\d)/.exec(text ?? "")?.[1] ?? "–";
 
-/** Each sensor once: one may stand on several streets. */
-const unique = (properties) => [...new Map(properties.map((each) => [each.sensor, each])).values()];
-
 const said = ({ count, counted_from: from }) => `${count} ${from}`;
 
 function paintSensors() {
-  paint(
-    "sensors",
-    sensors.filter(({ properties }) => state.tab === "crowds" || properties.count !== null),
-  );
+  const seen = sensors.filter(({ properties }) => state.tab === "crowds" || properties.count !== null);
+  paint("sensors", seen);
+  byId("mark-sensor").hidden = seen.length === 0;
 }
 
 function showSensors() {
   byId("sensors-body").replaceChildren(
-    ...unique(sensors.map(({ properties }) => properties)).map((properties) =>
+    ...sensors.map(({ properties }) =>
       make(
         "tr",
         { class: lately.has(properties.sensor) ? "picked" : null },
@@ -54,14 +50,16 @@ async function readSensors() {
     sensors = []; // the town may have none
   }
   setCounted(sensors.some(({ properties }) => properties.count !== null));
-  const changed = new Set(sensors.map(({ properties }) => properties).filter((sensor) => sensor.count !== null));
-  for (const sensor of changed) if (before.get(sensor.sensor) === said(sensor)) changed.delete(sensor);
   showSensors();
-  return before.size === 0 ? [] : unique([...changed]);
+  if (before.size === 0) return [];
+  return sensors
+    .map(({ properties }) => properties)
+    .filter((properties) => properties.count !== null && before.get(properties.sensor) !== said(properties));
 }
 
 function showStreets() {
-  if (!shown || state.tab !== "crowds") return;
+  byId("streets").setAttribute("aria-busy", String(!exact));
+  if (!exact || state.tab !== "crowds") return; // numbers of another time are none of this
   const metres = [0, 0, 0, 0];
   const named = new Map();
   for (const { properties } of streets) {
@@ -122,18 +120,26 @@ export function startCounts(facts, features, changed) {
   town = facts;
   streets = features;
   byId("panel-crowds").append(
-    make("h2", { text: "The streets at the chosen time" }),
-    make("ul", { id: "shares", class: "shares", "aria-label": "Share of the streets' length" }),
     make(
-      "table",
-      {},
-      make("caption", { class: "hidden", text: "Densest streets" }),
+      "div",
+      { id: "streets" },
+      make("h2", { text: "The streets at the chosen time" }),
+      make("ul", { id: "shares", class: "shares", "aria-label": "Share of the streets' length" }),
       make(
-        "thead",
+        "table",
         {},
-        make("tr", {}, ...["Densest streets", "crowd", "persons/m²"].map((text) => make("th", { scope: "col", text }))),
+        make("caption", { class: "hidden", text: "Densest streets" }),
+        make(
+          "thead",
+          {},
+          make(
+            "tr",
+            {},
+            ...["Densest streets", "crowd", "persons/m²"].map((text) => make("th", { scope: "col", text })),
+          ),
+        ),
+        make("tbody", { id: "densest-body" }),
       ),
-      make("tbody", { id: "densest-body" }),
     ),
     make(
       "div",
@@ -164,6 +170,15 @@ export function startCounts(facts, features, changed) {
   });
   showStreets();
   readSensors();
+  // Without counts the server has nothing to tell, and yet it gets later.
+  const quarter = () => Math.floor(now() / 15);
+  let seen = quarter();
+  setInterval(() => {
+    if (seen === quarter()) return;
+    seen = quarter();
+    refreshCrowds();
+    if (state.at === null) changed();
+  }, 1000);
   let cut = false;
   const source = listen("events", {
     crowds: () => {

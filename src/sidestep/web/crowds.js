@@ -13,6 +13,7 @@ const listeners = { crowds: [], day: [] };
 let fetching = null;
 let ahead = 0;
 export let shown = null; // what is on the map
+export let exact = false; // whether that is of the chosen time, or as long as this is asked for of one near it
 
 /** Have a function called when the crowds that are shown change ("crowds"), or more of a day is known ("day"). */
 export const onCrowds = (what, listener) => listeners[what].push(listener);
@@ -22,9 +23,9 @@ export const crowding = (density) => limits.filter((limit) => density >= limit).
 
 const key = (at) => asked(at) ?? "now";
 
-async function fetched(at, signal) {
+async function fetched(at, { signal, anew = false } = {}) {
   const name = key(at);
-  if (kept.has(name)) return kept.get(name);
+  if (kept.has(name) && !anew) return kept.get(name);
   const found = await get("crowds", { at: asked(at), geometry: "false" }, signal);
   const crowds = { density: found.density };
   kept.set(name, crowds);
@@ -42,21 +43,22 @@ function nearest(at) {
   return null;
 }
 
-function show(crowds) {
+function show(crowds, of) {
   shown = crowds;
+  exact = crowds === kept.get(key(of));
   for (const listener of listeners.crowds) listener(crowds);
 }
 
 /** Show the crowds at the chosen time: those of the nearest kept time at once, and then its own. */
-export async function showCrowds() {
+export async function showCrowds({ anew = false } = {}) {
   fetching?.abort();
   fetching = new AbortController();
   const { at } = state;
-  const atOnce = at === null ? kept.get("now") : (kept.get(key(at)) ?? nearest(at));
-  if (atOnce) show(atOnce);
+  const atOnce = kept.get(key(at)) ?? (at === null ? null : nearest(at)) ?? shown;
+  if (atOnce) show(atOnce, at);
   try {
-    const crowds = await fetched(at, fetching.signal);
-    if (state.at === at && shown !== crowds) show(crowds);
+    const crowds = await fetched(at, { signal: fetching.signal, anew });
+    if (state.at === at && !(exact && shown === crowds)) show(crowds, at);
     complain("crowds", null);
   } catch (error) {
     if (error.name !== "AbortError") complain("crowds", error.message);
@@ -101,8 +103,8 @@ export const shapeOfDay = (day, metres) =>
 
 /** Fetch the crowds of now anew: they go on from what was counted. Those that are expected at other times stay. */
 export function refreshCrowds() {
-  kept.delete("now");
-  if (state.at === null) showCrowds();
+  if (state.at === null) showCrowds({ anew: true });
+  else kept.delete(key(null));
 }
 
 /** Begin. */

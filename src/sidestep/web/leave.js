@@ -2,8 +2,8 @@
 
 import { get, lonLat } from "./api.js";
 import { byId, complain, draw, make, settled } from "./dom.js";
-import { asked, change, clock, onChange, state, WEEK } from "./state.js";
-import { chosen } from "./time.js";
+import { asked, change, clock, deadline, onChange, state, WEEK } from "./state.js";
+import { chosen, deadlineChoice } from "./time.js";
 
 const WINDOWS = [
   [60, "1 hour", 5],
@@ -16,16 +16,8 @@ const BOX = { width: 340, height: 190, left: 30, right: 10, top: 14, bottom: 24 
 
 let asking = null;
 let span = 1;
-let by = "";
 
 const round = (value) => (Math.round(value * 10) / 10).toFixed(1);
-
-/** The first time after a departure at which it is as late as asked for. */
-function deadline(first) {
-  const [hours, minutes] = by.split(":").map(Number);
-  const sameDay = Math.floor(first / 1440) * 1440 + 60 * hours + minutes;
-  return asked((sameDay > first ? sameDay : sameDay + 1440) % WEEK);
-}
 
 /** A time of the week some minutes after the first departure. */
 const leaving = (first, departure) => (((first + departure.departure_minutes) % WEEK) + WEEK) % WEEK;
@@ -101,7 +93,7 @@ function chart(found, first) {
 }
 
 function table(found, first) {
-  const sure = found.departures.some((row) => Number.isFinite(row.on_time)) && by !== "";
+  const due = deadline(first);
   return make(
     "table",
     { class: "departures" },
@@ -112,7 +104,7 @@ function table(found, first) {
       make(
         "tr",
         {},
-        ...["Leave", "half within", "9 in 10 within", ...(sure ? [`there by ${by}`] : [])].map((text) =>
+        ...["Leave", "half within", "9 in 10 within", ...(due === null ? [] : [`there by ${asked(due)}`])].map((text) =>
           make("th", { scope: "col", text }),
         ),
       ),
@@ -137,7 +129,7 @@ function table(found, first) {
           ),
           make("td", { text: round(row.median_minutes) }),
           make("td", { text: round(row.p90_minutes) }),
-          sure ? make("td", { text: `${Math.round(100 * row.on_time)} %` }) : null,
+          due === null ? null : make("td", { text: `${Math.round(100 * row.on_time)} %` }),
         ),
       ),
     ),
@@ -190,7 +182,12 @@ const find = settled(150, async () => {
     return;
   }
   const [minutes, , step] = WINDOWS[span];
-  const inside = shown && state.at !== null && state.at >= shown.first && state.at <= shown.first + shown.minutes;
+  const inside =
+    shown &&
+    state.at !== null &&
+    state.at >= shown.first &&
+    state.at <= shown.first + shown.minutes &&
+    deadline(state.at) === deadline(shown.first);
   // A departure chosen on the curve does not move the window that the curve is about.
   const first = inside ? shown.first : Math.floor(chosen() / 5) * 5;
   const query = {
@@ -200,7 +197,7 @@ const find = settled(150, async () => {
     until: asked((first + minutes) % WEEK),
     step,
     futures: FUTURES,
-    arrive_by: by && deadline(first),
+    arrive_by: asked(deadline(first)),
     walker: state.walker,
     planner: state.planners[0] === "shortest-path" ? "shortest-path" : "expected",
   };
@@ -208,9 +205,7 @@ const find = settled(150, async () => {
   wanted = JSON.stringify(query);
   asking?.abort();
   asking = new AbortController();
-  box.setAttribute("aria-busy", "true");
-  if (!box.querySelector("svg"))
-    box.replaceChildren(make("p", { class: "note busy", text: "Walking through simulated futures …" }));
+  box.replaceChildren(make("p", { class: "note busy", role: "status", text: "Walking through simulated futures …" }));
   try {
     const found = await get("when", query, asking.signal);
     complain("when", null);
@@ -222,7 +217,6 @@ const find = settled(150, async () => {
     box.replaceChildren(make("p", { class: "note", text: "No departures to compare." }));
     complain("when", error.message);
   }
-  box.removeAttribute("aria-busy");
 });
 
 let shown = null;
@@ -240,23 +234,18 @@ export function startLeave() {
     shown = null;
     find();
   });
-  const within = make("input", { id: "leave-by", type: "time" });
-  within.addEventListener("change", () => {
-    by = within.value;
-    find();
-  });
   byId("panel-leave").append(
     make(
       "div",
       { class: "choices" },
       make("div", { class: "choice" }, make("label", { for: "leave-window", text: "Departures of" }), windows),
-      make("div", { class: "choice" }, make("label", { for: "leave-by", text: "To be there by" }), within),
+      deadlineChoice("leave-by"),
     ),
     make("div", { id: "leave-found" }),
   );
   onChange((changed) => {
     if (["from", "to"].some((name) => changed.has(name))) shown = null;
-    if (["from", "to", "at", "tab", "walker", "planners"].some((name) => changed.has(name))) find();
+    if (["from", "to", "at", "by", "tab", "walker", "planners"].some((name) => changed.has(name))) find();
   });
   find();
 }

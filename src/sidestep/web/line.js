@@ -36,3 +36,13 @@ export function along(line, metres) {
   }
   return line.at(-1);
 }
+
+/** A polygon of all points that are some metres from a place. */
+export function circle({ lon, lat, metres }, corners = 24) {
+  const [high, wide] = [metres / METRES, metres / METRES / Math.cos((lat * Math.PI) / 180)];
+  const ring = Array.from({ length: corners }, (_, turn) => (2 * Math.PI * turn) / corners).map((angle) => [
+    lon + wide * Math.cos(angle),
+    lat + high * Math.sin(angle),
+  ]);
+  return { type: "Polygon", coordinates: [[...ring, ring[0]]] };
+}

@@ -1,14 +1,12 @@
 // The map: streets by their crowding, routes, reach, sensors, walkers. MapLibre GL from this host, no tiles and no fonts:
 // names of streets are drawn with the fonts of the system.
 
-import { DASHES, onTheme, palette } from "./colours.js";
-import { crowding, onCrowds, shown } from "./crowds.js";
+import { onTheme } from "./colours.js";
+import { crowding, exact, onCrowds, shown } from "./crowds.js";
 import { byId, calm, make } from "./dom.js";
+import { style } from "./layers.js";
 import { namedLines } from "./names.js";
-import { change, onChange, state } from "./state.js";
-
-const EMPTY = { type: "FeatureCollection", features: [] };
-const SOURCES = ["reach", "routes", "walk", "sensors", "names"];
+import { change, onChange, put, state } from "./state.js";
 
 let gl = null; // the library
 export let map = null;
@@ -19,184 +17,9 @@ let active = null; // the end that the next click on the map is for
 const pins = {};
 const data = {};
 
-/** One of several values by a number, the first where there is no such number. */
-const oneOf = (number, values) => [
-  "match",
-  number,
-  ...values.slice(1).flatMap((value, turn) => [turn + 1, value]),
-  values[0],
-];
-const literal = (values) => values.map((value) => ["literal", value]);
-
-const CROWD = ["coalesce", ["feature-state", "crowd"], 0];
-const STYLE = ["%", ["get", "style"], DASHES.length];
-
-const widths = (base) => {
-  const wide = (factor) => ["*", factor, oneOf(CROWD, [0.8, 1.15, 1.6, 2.1])];
-  return [
-    "interpolate",
-    ["exponential", 1.5],
-    ["zoom"],
-    12,
-    wide(base * 0.4),
-    14,
-    wide(base * 0.75),
-    16,
-    wide(base * 1.7),
-    19,
-    wide(base * 6),
-  ];
-};
-
-const crowdColour = () => oneOf(CROWD, palette().crowds);
-
-const routeWidth = (more) => [
-  "interpolate",
-  ["exponential", 1.4],
-  ["zoom"],
-  12,
-  ["+", ["case", ["get", "picked"], 4, 2.4], more],
-  16,
-  ["+", ["case", ["get", "picked"], 7, 4.5], more],
-];
-const routeColour = () => oneOf(STYLE, palette().routes);
-const dashes = oneOf(STYLE, literal(DASHES));
-
-function style() {
-  const colours = palette();
-  return {
-    version: 8,
-    sources: {
-      streets: { type: "geojson", data: streets, promoteId: "street", tolerance: 0.2 },
-      ...Object.fromEntries(
-        SOURCES.map((name) => [
-          name,
-          { type: "geojson", data: data[name] ?? EMPTY, ...(name === "sensors" ? { promoteId: "sensor" } : {}) },
-        ]),
-      ),
-    },
-    layers: [
-      { id: "paper", type: "background", paint: { "background-color": colours.paper } },
-      {
-        id: "reach-area",
-        type: "fill",
-        source: "reach",
-        paint: { "fill-color": oneOf(["get", "ring"], colours.reach), "fill-opacity": 0.22 },
-      },
-      {
-        id: "streets",
-        type: "line",
-        source: "streets",
-        layout: { "line-cap": "round", "line-join": "round" },
-        paint: { "line-color": crowdColour(), "line-width": widths(1.5) },
-      },
-      {
-        id: "reach-line",
-        type: "line",
-        source: "reach",
-        layout: { "line-join": "round" },
-        paint: { "line-color": oneOf(["get", "ring"], colours.reach), "line-width": 2 },
-      },
-      {
-        id: "routes-casing",
-        type: "line",
-        source: "routes",
-        layout: { "line-cap": "round", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] },
-        paint: { "line-color": colours.casing, "line-width": routeWidth(3) },
-      },
-      {
-        id: "routes",
-        type: "line",
-        source: "routes",
-        layout: { "line-cap": "butt", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] },
-        paint: {
-          "line-color": routeColour(),
-          "line-width": routeWidth(0),
-          "line-dasharray": dashes,
-          "line-opacity": ["get", "opacity"],
-        },
-      },
-      {
-        id: "walk-casing",
-        type: "line",
-        source: "walk",
-        layout: { "line-cap": "round", "line-join": "round" },
-        paint: { "line-color": colours.casing, "line-width": 9 },
-      },
-      {
-        id: "walk",
-        type: "line",
-        source: "walk",
-        layout: { "line-cap": "round", "line-join": "round" },
-        paint: {
-          "line-color": [
-            "match",
-            ["get", "part"],
-            "walked",
-            colours.walked,
-            "dropped",
-            colours.walked,
-            colours.routes[0],
-          ],
-          "line-width": ["match", ["get", "part"], "dropped", 2.5, 5.5],
-          "line-opacity": ["match", ["get", "part"], "dropped", 0.8, 1],
-        },
-      },
-      {
-        id: "names",
-        type: "symbol",
-        source: "names",
-        minzoom: 13,
-        layout: {
-          "symbol-placement": "line",
-          "symbol-spacing": 340,
-          "text-field": ["get", "name"],
-          "text-font": ["system-ui"],
-          "text-size": ["interpolate", ["linear"], ["zoom"], 13, 10.5, 17, 14],
-          "text-padding": 8,
-          "text-max-angle": 40,
-          "symbol-sort-key": ["-", 0, ["get", "metres"]],
-        },
-        paint: { "text-color": colours.label, "text-halo-color": colours.halo, "text-halo-width": 1.8 },
-      },
-      {
-        id: "reach-minutes",
-        type: "symbol",
-        source: "reach",
-        layout: {
-          "symbol-placement": "line",
-          "symbol-spacing": 260,
-          "text-field": ["concat", ["to-string", ["get", "minutes"]], " min"],
-          "text-font": ["system-ui bold"],
-          "text-size": 12,
-        },
-        paint: {
-          "text-color": oneOf(["get", "ring"], colours.reachText),
-          "text-halo-color": colours.halo,
-          "text-halo-width": 2,
-        },
-      },
-      { id: "sensors", type: "circle", source: "sensors", paint: sensorPaint() },
-    ],
-  };
-}
-
-function sensorPaint() {
-  const colours = palette();
-  const counted = ["!=", ["get", "count"], null];
-  return {
-    "circle-radius": ["case", counted, ["min", 16, ["+", 4, ["*", 0.1, ["sqrt", ["max", 0, ["get", "count"]]]]]], 3],
-    "circle-color": colours.sensor,
-    "circle-opacity": ["case", counted, 0.6, 0],
-    "circle-stroke-color": ["case", ["boolean", ["feature-state", "fresh"], false], colours.routes[0], colours.sensor],
-    "circle-stroke-opacity": ["case", counted, 1, 0.7],
-    "circle-stroke-width": ["case", ["boolean", ["feature-state", "fresh"], false], 4, 1.5],
-  };
-}
-
 function repaint() {
   if (!map?.isStyleLoaded() && !map?.getLayer("streets")) return;
-  const wanted = style().layers;
+  const wanted = style(streets, data).layers;
   for (const layer of wanted) {
     for (const [name, value] of Object.entries(layer.paint)) {
       if (/color|opacity/.test(name)) map.setPaintProperty(layer.id, name, value);
@@ -220,7 +43,12 @@ function colour(crowds) {
 export function paint(name, features) {
   data[name] = { type: "FeatureCollection", features };
   map?.getSource(name)?.setData(data[name]);
+  if (name === "sensors") said();
 }
+
+/** Let some streets stand out, by their numbers. */
+export const mark = (numbers) =>
+  paint("found", streets?.features.filter(({ properties }) => numbers.includes(properties.street)) ?? []);
 
 /** Let a sensor stand out for some seconds. */
 export function flash(sensor) {
@@ -300,12 +128,14 @@ export function expectClick(end) {
   hint();
 }
 
+const HINTS = { from: "where the walk begins", to: "where the walk ends", avoid: "where not to walk" };
+
 function hint() {
   const box = byId("hint");
   const next = active ?? (state.from === null ? "from" : state.to === null ? "to" : null);
   box.hidden = !map || next === null;
   const touch = matchMedia("(pointer: coarse)").matches ? "Tap" : "Click";
-  box.textContent = `${touch} the map where the walk ${next === "from" ? "begins" : "ends"}`;
+  box.textContent = `${touch} the map ${HINTS[next]}`;
 }
 
 const NUDGE = { ArrowUp: [0, -1], ArrowDown: [0, 1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
@@ -368,23 +198,33 @@ export function putWalker(place) {
   walker.setLngLat(place);
 }
 
-/** What is said of a street when it is clicked. */
-function streetWords(properties) {
-  const density = shown?.density[properties.street];
-  const name = properties.name || properties.kind || "street";
-  if (density === undefined) return [name, ""];
-  return [name, `${town.crowding[crowding(density)].word}, ${density.toFixed(density < 1 ? 2 : 1)} persons/m²`];
-}
-
-function nearestStreet(point) {
+/** What is nearest to a point of the map, of some layers. */
+function nearest(point, layer) {
   const box = [
     [point.x - 8, point.y - 8],
     [point.x + 8, point.y + 8],
   ];
-  return map.queryRenderedFeatures(box, { layers: ["streets"] })[0] ?? null;
+  return map.queryRenderedFeatures(box, { layers: [layer] })[0]?.properties ?? null;
+}
+
+/** What is said of a place that is clicked, as it is now: a sensor or street, and its crowd. */
+function wordsOf(sensor, street) {
+  if (sensor !== null) {
+    const { count } = data.sensors.features.find(({ properties }) => properties.sensor === sensor)?.properties ?? {};
+    return [
+      `Sensor ${sensor}`,
+      Number.isFinite(count) ? `${Math.round(count)} persons/h counted` : "nothing counted lately",
+    ];
+  }
+  if (street === null) return ["Here", ""];
+  const name = street.name || street.kind || "street";
+  if (!exact) return [name, "…"];
+  const density = shown.density[street.street] ?? 0;
+  return [name, `${town.crowding[crowding(density)].word}, ${density.toFixed(density < 1 ? 2 : 1)} persons/m²`];
 }
 
 let popup = null;
+let said = () => {}; // says anew what is said of the place that was clicked
 
 function clicked(event) {
   const { lng, lat } = event.lngLat;
@@ -393,29 +233,32 @@ function clicked(event) {
   popup?.remove();
   if (next !== null) {
     active = null;
-    change({ [next]: place });
+    put(next, place);
     hint();
     return;
   }
-  const street = nearestStreet(event.point);
-  const [name, crowd] = street ? streetWords(street.properties) : ["Here", ""];
-  const choose = (end) => () => {
-    popup.remove();
-    change({ [end]: place });
-  };
-  popup = new gl.Popup({ closeButton: false, maxWidth: "260px", offset: 8 })
+  const [sensor, street] = [nearest(event.point, "sensors")?.sensor ?? null, nearest(event.point, "streets")];
+  const [title, crowd] = [make("b"), make("span", { id: "here-crowd" })];
+  said = () => ([title.textContent, crowd.textContent] = wordsOf(sensor, street));
+  said();
+  const choose = (end, text) =>
+    make("button", {
+      type: "button",
+      class: "chip",
+      text,
+      onclick: () => {
+        popup.remove();
+        put(end, place);
+      },
+    });
+  popup = new gl.Popup({ closeButton: false, maxWidth: "300px", offset: 8 })
     .setLngLat(event.lngLat)
     .setDOMContent(
       make(
         "div",
         { class: "here" },
-        make("p", {}, make("b", { text: name }), crowd ? make("span", { text: crowd }) : null),
-        make(
-          "div",
-          { class: "row" },
-          make("button", { type: "button", class: "chip", text: "Start here", onclick: choose("from") }),
-          make("button", { type: "button", class: "chip", text: "Go here", onclick: choose("to") }),
-        ),
+        make("p", {}, title, crowd),
+        make("div", { class: "row" }, choose("from", "Start here"), choose("to", "Go here"), choose("avoid", "Avoid")),
       ),
     )
     .addTo(map);
@@ -451,7 +294,7 @@ export async function startMap(facts, geometry, library) {
   try {
     map = new gl.Map({
       container: "map",
-      style: style(),
+      style: style(streets, data),
       bounds: town.bounds,
       fitBoundsOptions: { padding: padding() },
       attributionControl: false,
@@ -489,6 +332,7 @@ export async function startMap(facts, geometry, library) {
   byId("whole").addEventListener("click", wholeTown);
   onTheme(repaint);
   onCrowds("crowds", colour);
+  onCrowds("crowds", () => said());
   onChange((changed) => {
     for (const end of ["from", "to"]) if (changed.has(end)) pin(end);
     if (changed.has("from") || changed.has("to")) hint();

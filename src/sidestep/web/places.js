@@ -3,15 +3,15 @@
 
 import { get, lonLat } from "./api.js";
 import { byId, complain, icon, make, settled } from "./dom.js";
-import { expectClick, lookAt, middle } from "./map.js";
-import { change, onChange, state } from "./state.js";
+import { expectClick, lookAt, mark, middle } from "./map.js";
+import { change, onChange, put, state } from "./state.js";
 
-const CROSS = "m7 7 10 10M17 7 7 17";
-const words = { from: "From", to: "To" };
+export const CROSS = "m7 7 10 10M17 7 7 17";
+const ENDS = { from: ["A", "From"], to: ["B", "To"], avoid: ["×", "Avoid"] };
 let town = null;
 
 /** Latitude and longitude as people write them. */
-const inWords = (place) => place.name || `${place.lat.toFixed(5)}, ${place.lon.toFixed(5)}`;
+export const inWords = (place) => place.name || `${place.lat.toFixed(5)}, ${place.lon.toFixed(5)}`;
 
 const within = (lon, lat) => {
   const [west, south, east, north] = town.bounds;
@@ -36,8 +36,11 @@ function coordinates(text) {
   return Math.abs(lat) <= 90 && Math.abs(lon) <= 180 ? { lat, lon, name: "" } : null;
 }
 
-function combobox(end) {
+/** A text for an end or, of areas to avoid, for one more. */
+export function combobox(end) {
   const id = `end-${end}`;
+  const [sign, word] = ENDS[end];
+  const known = () => (end === "avoid" ? null : state[end]);
   const input = make("input", {
     id,
     type: "text",
@@ -53,13 +56,13 @@ function combobox(end) {
   const list = make("ul", {
     id: `${id}-list`,
     role: "listbox",
-    "aria-label": `Places for ${words[end]}`,
+    "aria-label": `Places for ${word}`,
     class: "options",
     hidden: true,
   });
   const clear = make(
     "button",
-    { type: "button", class: "quiet clear", "aria-label": `Clear ${words[end]}`, hidden: true },
+    { type: "button", class: "quiet clear", "aria-label": `Clear ${word}`, hidden: true },
     icon(CROSS),
   );
   let options = [];
@@ -74,12 +77,14 @@ function combobox(end) {
     entered = false;
     list.hidden = true;
     at = -1;
+    mark([]);
     input.setAttribute("aria-expanded", "false");
     input.removeAttribute("aria-activedescendant");
   };
 
   function highlight(next) {
     at = next;
+    mark(options[at]?.streets ?? []);
     options.forEach((option, turn) => option.node.setAttribute("aria-selected", String(turn === at)));
     if (at < 0) input.removeAttribute("aria-activedescendant");
     else {
@@ -92,10 +97,10 @@ function combobox(end) {
     close();
     complain("search", null);
     const place = option.place();
-    input.value = inWords(place);
+    input.value = end === "avoid" ? "" : inWords(place);
     offered = input.value;
     expectClick(null);
-    change({ [end]: place });
+    put(end, place);
     lookAt(place);
   }
 
@@ -120,6 +125,7 @@ function combobox(end) {
     for (const option of options) {
       option.node.addEventListener("pointerdown", (event) => event.preventDefault()); // the text keeps the focus
       option.node.addEventListener("click", () => choose(option));
+      option.node.addEventListener("pointerenter", () => mark(option.streets ?? []));
     }
     const none = make("li", { role: "option", "aria-disabled": "true", text: `No street is called “${text}”` });
     list.replaceChildren(...(options.length > 0 ? options.map((option) => option.node) : [none]));
@@ -152,6 +158,7 @@ function combobox(end) {
         found.map((each) => ({
           says: each.name,
           more: length(each.metres),
+          streets: each.streets,
           place: () => ({ lon: each.longitude, lat: each.latitude, name: each.name }),
         })),
       );
@@ -178,7 +185,7 @@ function combobox(end) {
     // Only a click on the map that follows at once is for this end.
     if (event.relatedTarget && !event.relatedTarget.closest("#map")) expectClick(null);
     close();
-    input.value = state[end] ? inWords(state[end]) : "";
+    input.value = known() ? inWords(known()) : "";
   });
   input.addEventListener("keydown", (event) => {
     const last = options.length;
@@ -204,36 +211,34 @@ function combobox(end) {
   });
 
   const show = () => {
-    if (document.activeElement !== input) input.value = state[end] ? inWords(state[end]) : "";
-    clear.hidden = state[end] === null;
+    if (document.activeElement !== input) input.value = known() ? inWords(known()) : "";
+    clear.hidden = known() === null;
   };
-  document
-    .querySelector(`.end[data-end=${end}]`)
-    .append(
-      make(
-        "label",
-        { for: id },
-        make("span", { class: `dot dot-${end}`, "aria-hidden": "true", text: end === "from" ? "A" : "B" }),
-        make("span", { text: words[end] }),
-      ),
-      input,
-      clear,
-      list,
-    );
-  return { show, name: () => name(end, show) };
+  const box = make(
+    "div",
+    { class: "end" },
+    make(
+      "label",
+      { for: id },
+      make("span", { class: `dot dot-${end}`, "aria-hidden": "true", text: sign }),
+      make("span", { text: word }),
+    ),
+    input,
+    clear,
+    list,
+  );
+  return { box, show };
 }
 
-/** Ask for the name of the street at an end that has none yet. */
-async function name(end, show) {
-  const place = state[end];
+/** Ask for the name of the street at a place that has none yet. */
+export async function name(place, show) {
   if (place === null || place.name !== "") return;
   try {
     const found = await get(`nearest/v1/foot/${lonLat(place)}`, { number: 1 });
     const street = found.waypoints?.[0]?.name;
-    if (street && state[end] === place) {
-      place.name = street;
-      show();
-    }
+    if (!street) return;
+    place.name = street;
+    show();
   } catch {
     // coordinates do as well
   }
@@ -243,12 +248,13 @@ async function name(end, show) {
 export function startPlaces(facts) {
   town = facts;
   const ends = { from: combobox("from"), to: combobox("to") };
+  byId("swap").before(ends.from.box, ends.to.box);
   byId("swap").addEventListener("click", () => change({ from: state.to, to: state.from }));
   const show = (changed) => {
     for (const end of ["from", "to"]) {
       if (!changed.has(end)) continue;
       ends[end].show();
-      ends[end].name();
+      name(state[end], ends[end].show);
     }
   };
   onChange(show);

@@ -74,8 +74,8 @@ const find = settled(120, async () => {
   asking?.abort();
   asking = new AbortController();
   const box = byId("reach-found");
-  if (!box.querySelector("table"))
-    box.replaceChildren(make("p", { class: "note busy", text: "Looking how far one gets …" }));
+  box.replaceChildren(make("p", { class: "note busy", role: "status", text: "Looking how far one gets …" }));
+  paint("reach", []);
   try {
     const found = await get(
       "isochrone",

@@ -1,11 +1,13 @@
 // Routes of several planners beside each other, and other ways of the one that searches by expected times.
 
 import { lonLat, send } from "./api.js";
+import { areas, avoidChoice } from "./avoid.js";
 import { DASHES, palette, onTheme } from "./colours.js";
 import { minutes, number, turnByTurn } from "./directions.js";
 import { byId, complain, draw, make, settled } from "./dom.js";
 import { frame, paint } from "./map.js";
-import { asked, change, onChange, state } from "./state.js";
+import { asked, change, deadline, onChange, state } from "./state.js";
+import { chosen as chosenTime, deadlineChoice } from "./time.js";
 
 // Those that walkers would use come first; the others are there to compare.
 const SAYS = {
@@ -23,7 +25,7 @@ const OTHERS = {
   "random-walk": "anywhere",
 };
 const WANTS = { time: "the least time", distance: "the fewest metres", exposure: "the fewest people" };
-const ASKED = ["from", "to", "at", "planners", "walker", "objective"];
+const ASKED = ["from", "to", "at", "by", "avoid", "walker", "objective"];
 const ALTERNATIVES = 2;
 const LIVE = new Set(["snapshot", "forecast", "darp", "clairvoyant"]);
 
@@ -37,7 +39,7 @@ let framed = ""; // ends that were framed
 const found = new Map(); // planner -> {question, ends, asking, routes, error}
 
 /** What is asked of every planner: numbers are shown for that alone. */
-const question = () => JSON.stringify([ends(), state.at, state.walker, state.objective]);
+const question = () => JSON.stringify([ends(), areas(), state.at, state.by, state.walker, state.objective]);
 const ends = () => state.from && state.to && `${lonLat(state.from)};${lonLat(state.to)}`;
 
 const style = (planner) => Math.max(0, planners.indexOf(planner));
@@ -112,6 +114,7 @@ function cells({ route }, best) {
     cell(
       "duration",
       minutes(route.duration),
+      state.by ? make("small", { text: `leave ${/\d\d:\d\d/.exec(route.departs)?.[0]}` }) : null,
       Number.isFinite(route.p90) ? make("small", { text: `9 in 10: ${minutes(route.p90)}` }) : null,
     ),
     cell("distance", number(route.distance)),
@@ -262,9 +265,12 @@ function frameRoutes() {
 
 async function ask(planner, signal) {
   const what = { question: question(), ends: ends() };
+  const due = deadline(chosenTime());
   const body = {
     coordinates: [state.from, state.to].map(({ lon, lat }) => [lon, lat]),
-    depart_at: asked(state.at) ?? undefined,
+    depart_at: asked(due === null ? state.at : chosenTime()) ?? undefined,
+    arrive_by: asked(due) ?? undefined,
+    avoid: areas(),
     walker: state.walker || undefined,
     objective: state.objective || undefined,
     planner,
@@ -287,7 +293,8 @@ async function ask(planner, signal) {
     await rest(500, signal);
     await route({
       alternatives: planner === "expected" ? ALTERNATIVES : 0,
-      futures: LIVE.has(planner) ? 10 : 100,
+      // By a deadline every departure is walked in them: how many is then the server's choice.
+      futures: due !== null ? undefined : LIVE.has(planner) ? 10 : 100,
     });
   } catch (error) {
     if (error.name === "AbortError") return;
@@ -400,12 +407,14 @@ export function startRoutes(facts) {
         "walker",
       ),
       choice("objective", "Prefer", town.objectives, "objective"),
+      deadlineChoice("arrive-by"),
     ),
+    avoidChoice(),
     make("div", { id: "directions" }),
   );
   onTheme(show);
   onChange((changed) => {
-    if (ASKED.some((name) => changed.has(name))) {
+    if ([...ASKED, "planners"].some((name) => changed.has(name))) {
       show(); // what was found for another question goes at once
       plan();
     }

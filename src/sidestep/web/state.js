@@ -10,6 +10,8 @@ export const state = {
   from: null, // {lon, lat, name}
   to: null,
   at: null, // minutes of the week, Monday 0:00 is 0; null: now
+  by: "", // when to be there, such as "18:30"
+  avoid: [], // {lon, lat, metres, name}: routes keep that far from there
   planners: ["expected", "shortest-path"],
   walker: "",
   objective: "",
@@ -31,6 +33,16 @@ export function change(changes) {
   remember();
 }
 
+/** Metres from the middle of an area that is avoided to its edge. */
+export const SIZES = [30, 60, 120];
+const MOST_AREAS = 10;
+
+/** Take a place as an end, or as the middle of one more area to avoid. */
+export const put = (end, place) =>
+  change(
+    end === "avoid" ? { avoid: [...state.avoid, { metres: SIZES[1], ...place }].slice(-MOST_AREAS) } : { [end]: place },
+  );
+
 const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
 const two = (number) => String(number).padStart(2, "0");
@@ -47,6 +59,14 @@ export const dayName = (minutes) => NAMES[Math.floor(minutes / 1440) % 7];
 
 export const WEEK = 7 * 1440;
 
+/** When to be there, as a time of the week: on the day of a departure or, where that is too late, on the next. */
+export function deadline(departure) {
+  if (state.by === "") return null;
+  const [hours, minutes] = state.by.split(":").map(Number);
+  const sameDay = Math.floor(departure / 1440) * 1440 + 60 * hours + minutes;
+  return (sameDay > departure ? sameDay : sameDay + 1440) % WEEK;
+}
+
 function readTime(text) {
   const found = /^(Mon|Tue|Wed|Thu|Fri|Sat|Sun)[ +-]([01]\d|2[0-3]):([0-5]\d)$/.exec(text ?? "");
   return found ? DAYS.indexOf(found[1]) * 1440 + 60 * Number(found[2]) + Number(found[3]) : null;
@@ -60,6 +80,18 @@ function readPlace(text) {
   return Math.abs(lon) <= 180 && Math.abs(lat) <= 90 ? { lon, lat, name: "" } : null;
 }
 
+/** Areas to avoid that are written as longitude, latitude and metres. */
+function readAreas(text) {
+  return (text ?? "")
+    .split(";")
+    .map((area) => {
+      const [, place, metres] = /^(.*),(\d+)$/.exec(area) ?? [];
+      return { ...readPlace(place), metres: Number(metres) };
+    })
+    .filter(({ lon, metres }) => lon !== undefined && SIZES.includes(metres))
+    .slice(0, MOST_AREAS);
+}
+
 /** Read the link; what it does not hold, or holds wrongly, stays as it is by default. */
 export function readLink(hash) {
   const link = new URLSearchParams(hash.replace(/^#/, ""));
@@ -70,6 +102,8 @@ export function readLink(hash) {
     from: readPlace(link.get("from")),
     to: readPlace(link.get("to")),
     at: readTime(link.get("at")),
+    by: /^([01]\d|2[0-3]):[0-5]\d$/.test(link.get("by") ?? "") ? link.get("by") : "",
+    avoid: readAreas(link.get("avoid")),
     planners: planners.length > 0 ? planners.slice(0, 8) : state.planners,
     walker: word("walker"),
     objective: word("objective"),
@@ -85,6 +119,8 @@ export function writeLink() {
     from: place(state.from),
     to: place(state.to),
     at: asked(state.at)?.replace(" ", "-") ?? "",
+    by: state.by,
+    avoid: state.avoid.map((area) => `${place(area)},${area.metres}`).join(";"),
     planners: state.planners.join(","),
     walker: state.walker,
     objective: state.objective,
@@ -94,7 +130,7 @@ export function writeLink() {
       : "",
   };
   const pairs = Object.entries(said).filter(([, value]) => value !== "");
-  return `#${pairs.map(([name, value]) => `${name}=${encodeURIComponent(value).replace(/%2C|%2F|%3A/g, decodeURIComponent)}`).join("&")}`;
+  return `#${pairs.map(([name, value]) => `${name}=${encodeURIComponent(value).replace(/%2C|%2F|%3A|%3B/g, decodeURIComponent)}`).join("&")}`;
 }
 
 const remember = settled(250, () => history.replaceState(null, "", writeLink()));

@@ -3,19 +3,38 @@
 import { get } from "./api.js";
 import { fetchAhead, fetchDay, onCrowds, shapeOfDay } from "./crowds.js";
 import { byId, calm, draw, make, settled } from "./dom.js";
-import { change, clock, dayName, DAYS, onChange, state, WEEK } from "./state.js";
+import { change, clock, dayName, DAYS, deadline, onChange, state, WEEK } from "./state.js";
 
 const STEP = 15;
 let reading = { minutes: 720, speed: 1, at: performance.now(), simulated: false };
 let playing = 0;
 let counted = false;
 let synthetic = false;
+const deadlines = []; // which day they mean depends on the time
 
 /** Minutes of the week by the server's clock. */
 export const now = () => (reading.minutes + ((performance.now() - reading.at) / 60000) * reading.speed) % WEEK;
 
 /** The chosen time, minutes of the week. */
 export const chosen = () => state.at ?? now();
+
+/** A control for the time by which to be there, which says the day that is meant. */
+export function deadlineChoice(id) {
+  const input = make("input", { id, type: "time", "aria-describedby": `${id}-day` });
+  const day = make("small", { id: `${id}-day`, role: "status" });
+  input.addEventListener("change", () => change({ by: input.value }));
+  const show = () => {
+    const due = deadline(chosen());
+    if (input.value !== state.by) input.value = state.by;
+    const next = due !== null && dayName(due) !== dayName(chosen());
+    const words = due === null ? "" : `${dayName(due)}${next ? ", the next day" : ""}`;
+    if (day.textContent !== words) day.textContent = words;
+  };
+  onChange((changed) => changed.has("by") && show());
+  deadlines.push(show);
+  show();
+  return make("div", { class: "choice" }, make("label", { for: id, text: "To be there by" }), input, day);
+}
 
 /** Take over what the server says about its clock. */
 export function setClock(said) {
@@ -44,6 +63,7 @@ function showTime() {
   byId("day").value = String(Math.floor(at / 1440) % 7);
   if (byId("time-shown").textContent !== words) byId("time-shown").replaceChildren(...parts);
   byId("now").setAttribute("aria-pressed", String(state.at === null));
+  for (const show of deadlines) show();
 }
 
 function showKind() {
