@@ -1,5 +1,6 @@
 """Databases: files of SQLite, and a cluster of Debian's PostgreSQL that lives as long as the tests."""
 
+import contextlib
 import os
 import pwd
 import shutil
@@ -11,6 +12,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import httpx
@@ -23,6 +25,8 @@ from sidestep.network.formats import save_town
 from sidestep.server.app import make_app
 from sidestep.server.settings import Settings
 from sidestep.server.store import Store
+
+from .processes import PROGRAM, Server, serving
 
 OWNER = "nobody"  # PostgreSQL refuses to run as root
 
@@ -180,6 +184,55 @@ def small_town(make_town, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "small.toml"
 
 
+WAYS_PLACES = [(0, 0), (50, 0), (250, 0), (300, 0), (50, -30), (250, -30)]
+WAYS_STREETS = [
+    (0, 1, "Gate"),
+    (1, 2, "Long Street"),
+    (2, 3, "Quay"),
+    (1, 4, "Back Road"),
+    (4, 5, "Back Road"),
+    (5, 2, "Back Road"),
+]
+USUAL = 100.0  # persons/h
+
+
+def at(x: float, y: float) -> list[float]:
+    """Longitude and latitude of a place in metres."""
+    return [x / DEGREE, y / DEGREE]
+
+
+@pytest.fixture(scope="session")
+def live_town(make_town, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a scenario with two sensors, and two ways from one end of a town to the other.
+
+    Weeks differ, so what is counted today lasts.
+    """
+    folder = tmp_path_factory.mktemp("live")
+    ends, names = [street[:2] for street in WAYS_STREETS], tuple(street[2] for street in WAYS_STREETS)
+    save_town(make_town(WAYS_PLACES, ends, name=names), folder / "town.npz")
+    first, rows = datetime.fromisoformat("2024-01-01"), []
+    for hour in range(12 * 168):
+        now, factor = first + timedelta(hours=hour), (0.5, 2.0)[hour // 168 % 2]
+        rows.append(f"{now:%Y-%m-%dT%H:%M},{USUAL * factor:.0f},{USUAL * (2.5 - factor):.0f}")
+    (folder / "counts.csv").write_text("\n".join(["time,long,quay", *rows]))
+    (folder / "live.toml").write_text(f"""
+law = "weidmann"
+horizon_minutes = 60
+[place]
+streets = "town.npz"
+timezone = "UTC"
+[place.crowd_source]
+file = "counts.csv"
+reach = 20
+fitted = ["2024-01-01", "2024-03-04"]
+tested = ["2024-03-04", "2024-03-25"]
+[place.crowd_source.sensors]
+long = {at(150, 0)[::-1]}
+quay = {at(280, 0)[::-1]}
+""")
+    return folder / "live.toml"
+
+
 @pytest.fixture(scope="session")
 def test_client():
     """The class of clients that ask an app of this process."""
@@ -220,3 +273,18 @@ def served(small_town: Path, test_client, prepared, tmp_path_factory: pytest.Tem
     with test_client(make_app(settings), base_url="http://127.0.0.1") as client:
         prepared(client)
         yield client
+
+
+@pytest.fixture(scope="module")
+def start(small_town: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Server]]:
+    """Start servers as processes, by default of the small town; they end with the module, at the latest."""
+    with contextlib.ExitStack() as stack:
+
+        def run(
+            *options: str, scenario: str | Path = small_town, program: tuple[str, ...] = PROGRAM, **environ: str
+        ) -> Server:
+            folder = tmp_path_factory.mktemp("serving")
+            running = serving(folder, scenario, *options, program=program, environ={**os.environ, **environ})
+            return stack.enter_context(running)
+
+        yield run

@@ -4,7 +4,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from datetime import datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,32 +12,18 @@ import httpx
 import pytest
 
 from sidestep.crowds.counts import read_counts
-from sidestep.network.formats import save_town
 from sidestep.server import under_way
 from sidestep.server.app import make_app
 from sidestep.server.replay import Client, ReplayError, hours_of, replay
 from sidestep.server.settings import KEY_VARIABLE, Settings
 from sidestep.server.variants import Variants
 
-DEGREE = 111_195.08  # m, on the equator in both directions
-PLACES = [(0, 0), (50, 0), (250, 0), (300, 0), (50, -30), (250, -30)]
-STREETS = [
-    (0, 1, "Gate"),
-    (1, 2, "Long Street"),
-    (2, 3, "Quay"),
-    (1, 4, "Back Road"),
-    (4, 5, "Back Road"),
-    (5, 2, "Back Road"),
-]
-USUAL, MANY = 100.0, 40_000.0  # persons/h
+from .conftest import USUAL, at
+
+MANY = 40_000.0  # persons/h
 NOON = "2024-06-01T12:00:00"
 KEY = "a-key-that-nobody-would-guess"
 WRITES = {"authorization": f"Bearer {KEY}"}
-
-
-def at(x: float, y: float) -> list[float]:
-    """Longitude and latitude of a place in metres."""
-    return [x / DEGREE, y / DEGREE]
 
 
 WEST, EAST = at(0, 0), at(300, 0)
@@ -45,43 +31,16 @@ ROUTE = f"/route/v1/foot/{WEST[0]},{WEST[1]};{EAST[0]},{EAST[1]}?steps=true"
 
 
 @pytest.fixture(scope="module")
-def scenario(make_town, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Weeks differ, so what is counted today lasts."""
-    folder = tmp_path_factory.mktemp("live")
-    ends, names = [street[:2] for street in STREETS], tuple(street[2] for street in STREETS)
-    save_town(make_town(PLACES, ends, name=names), folder / "town.npz")
-    first, rows = datetime.fromisoformat("2024-01-01"), []
-    for hour in range(12 * 168):
-        now, factor = first + timedelta(hours=hour), (0.5, 2.0)[hour // 168 % 2]
-        rows.append(f"{now:%Y-%m-%dT%H:%M},{USUAL * factor:.0f},{USUAL * (2.5 - factor):.0f}")
-    (folder / "counts.csv").write_text("\n".join(["time,long,quay", *rows]))
-    (folder / "live.toml").write_text(f"""
-law = "weidmann"
-horizon_minutes = 60
-[place]
-streets = "town.npz"
-timezone = "UTC"
-[place.crowd_source]
-file = "counts.csv"
-reach = 20
-fitted = ["2024-01-01", "2024-03-04"]
-tested = ["2024-03-04", "2024-03-25"]
-[place.crowd_source.sensors]
-long = {at(150, 0)[::-1]}
-quay = {at(280, 0)[::-1]}
-""")
-    return folder / "live.toml"
-
-
-@pytest.fixture(scope="module")
-def client(scenario: Path) -> Iterator[httpx.Client]:
+def client(live_town: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it is to be asked for by another name
         from fastapi.testclient import TestClient
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sidestep.server.app.WATCHING", 0.25)
         patch.setenv(KEY_VARIABLE, KEY)
-        settings = Settings(scenario=str(scenario), store=str(scenario.with_name("store.db")), requests_per_second=1e6)
+        settings = Settings(
+            scenario=str(live_town), store=str(tmp_path_factory.mktemp("live") / "store.db"), requests_per_second=1e6
+        )
         with TestClient(make_app(settings), base_url="http://127.0.0.1") as served:
             yield served
 

@@ -3,16 +3,14 @@
 import asyncio
 import os
 import random
-import re
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
 import pytest
+
+from .processes import Server, serving
 
 pytestmark = pytest.mark.stress
 REQUESTS, CONNECTIONS, WARM = 100_000, 16, 20_000
@@ -20,42 +18,19 @@ MORE = 48 * 2**20  # bytes by which it may grow after the first requests
 WEST, SOUTH, EAST, NORTH = 24.9380, 60.1655, 24.9520, 60.1780  # central Helsinki
 
 
-@dataclass
-class Server:
-    """``sidestep serve`` of Helsinki."""
-
-    process: subprocess.Popen
-    url: str
-
-    @property
-    def memory(self) -> int:
-        pages = Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]
-        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+def memory(server: Server) -> int:
+    """Bytes of it that are in memory."""
+    pages = Path(f"/proc/{server.process.pid}/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[Server]:
-    log = tmp_path / "log"
-    command = [sys.executable, "-m", "sidestep", "serve", "--port", "0", "--rate", "1000000", "--store", "store.db"]
+    """``sidestep serve`` of Helsinki, as users' computers compile it, and prepared."""
     environ = {each: value for each, value in os.environ.items() if each != "JAX_DISABLE_MOST_OPTIMIZATIONS"}
-    with log.open("w") as file:
-        process = subprocess.Popen(command, cwd=tmp_path, stderr=file, env=environ)
-    try:
-        until = time.monotonic() + 300
-        while time.monotonic() < until and process.poll() is None:
-            if found := re.search(r"http://127\.0\.0\.1:\d+", log.read_text()):
-                try:
-                    if httpx.get(f"{found[0]}/readyz").json().get("prepared"):
-                        break
-                except httpx.TransportError:
-                    pass
-            time.sleep(0.2)
-        else:
-            pytest.fail(log.read_text()[-2000:])
-        yield Server(process, found[0])
-    finally:
-        process.terminate()
-        process.wait(60)
+    with serving(tmp_path, "helsinki", "--rate", "1000000", environ=environ) as running:
+        running.wait_until(lambda said: said["prepared"], 300)
+        yield running
 
 
 def place(rng: random.Random) -> str:
@@ -88,11 +63,11 @@ def test_memory_is_flat_over_many_routes(server: Server) -> None:
         ]
 
     asyncio.run(ask(server, routes(WARM)))
-    seen, begun = [server.memory], time.monotonic()
+    seen, begun = [memory(server)], time.monotonic()
     for _ in range(10):
         statuses = asyncio.run(ask(server, routes(REQUESTS // 10)))
         assert statuses.count(200) > 0.99 * len(statuses)
-        seen.append(server.memory)
+        seen.append(memory(server))
     print(f"{REQUESTS} routes in {time.monotonic() - begun:.0f} s; MiB: {[round(each / 2**20) for each in seen]}")
     assert seen[-1] - seen[0] < MORE
 
@@ -103,6 +78,6 @@ def test_memory_is_bounded_over_many_walkers(server: Server) -> None:
     for number in range(64):
         path = f"/route/v1/foot/24.9414,60.1719;24.948,60.166?walker=older,free_speed={1 + number / 100}"
         assert httpx.get(f"{server.url}{path}", timeout=120).status_code == 200
-        seen.append(server.memory)
+        seen.append(memory(server))
     print(f"MiB after 16, 32, 48 and 64 walkers: {[round(each / 2**20) for each in seen[15::16]]}")
     assert max(seen[48:]) < max(seen[:32]) + MORE

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +17,8 @@ import polyline
 import pytest
 import routingpy
 from routingpy.exceptions import RouterApiError
+
+from .processes import serving
 
 BIN = Path(sys.executable).parent
 CLIENTS = Path(__file__).parent / "clients"
@@ -34,35 +35,9 @@ CLOSE = 1e-5 + 1e-9  # degrees
 def base(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a server of Helsinki."""
     folder = tmp_path_factory.mktemp("served")
-    command = [
-        sys.executable,
-        "-m",
-        "sidestep",
-        "serve",
-        "helsinki",
-        "--port",
-        "0",
-        "--store",
-        str(folder / "store.db"),
-    ]
-    log = folder / "log.txt"
     environ = {**os.environ, "SIDESTEP_CACHE": str(CACHE / "served")}  # its numbers are those of users
-    with log.open("w") as file, subprocess.Popen(command, stderr=file, env=environ) as server:
-        try:
-            until = time.monotonic() + 60
-            while True:
-                assert server.poll() is None, log.read_text()
-                assert time.monotonic() < until, log.read_text()
-                found = re.search(r"http://127\.0\.0\.1:\d+", log.read_text())
-                try:
-                    if found and httpx.get(f"{found[0]}/readyz").status_code == 200:
-                        break
-                except httpx.TransportError:
-                    pass
-                time.sleep(0.1)
-            yield found[0]
-        finally:
-            server.terminate()
+    with serving(folder, "helsinki", environ=environ) as server:
+        yield server.url
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
@@ -21,6 +20,7 @@ from sidestep.cli import app as cli
 from sidestep.server.settings import KEY_VARIABLE
 
 from .conftest import ENDS
+from .processes import Server, read_all
 
 POST = b"POST /route/v1/foot HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n"
 CHUNKED, LONG_BODY = b"transfer-encoding: chunked\r\n\r\n", b"content-length: 999\r\n\r\n"
@@ -37,85 +37,6 @@ connections.LOOK, connections.MOST_CONNECTIONS, guard.BODY_SECONDS = 0.1, int(sy
 del sys.argv[1:3]
 main()
 """
-
-
-@dataclass
-class Server:
-    """A running ``sidestep serve``."""
-
-    process: subprocess.Popen
-    log: Path
-    port: int
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}"
-
-    def connect(self, sent: bytes = b"") -> socket.socket:
-        made = socket.create_connection(("127.0.0.1", self.port), timeout=20)
-        made.sendall(sent)
-        return made
-
-    def ask(self, sent: bytes) -> bytes:
-        """Send something, and read until the server closes the connection."""
-        with self.connect(sent) as made:
-            return read_all(made)
-
-    def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
-        self.process.send_signal(number)
-        return self.process.wait(30)
-
-
-def read_all(made: socket.socket) -> bytes:
-    found = b""
-    with contextlib.suppress(ConnectionError):
-        while part := made.recv(2**16):
-            found += part
-    return found
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """Let processes take Ctrl-C as usual, also where these tests run in the background, in which shells ignore it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-@pytest.fixture(scope="module")
-def start(small_town: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Server]]:
-    """Start a server of the small town."""
-    started: list[Server] = []
-
-    def run(*options: str, program: tuple[str, ...] = ("-m", "sidestep"), **environ: str) -> Server:
-        folder = tmp_path_factory.mktemp("serving")
-        command = [sys.executable, *program, "serve", str(small_town), "--port", "0", *options]
-        if "--store" not in options:
-            command += ["--store", str(folder / "store.db")]
-        log = folder / "log"
-        with log.open("w") as file, interruptible():
-            process = subprocess.Popen(
-                command, stdout=file, stderr=file, cwd=folder, env={**os.environ, **environ}, start_new_session=True
-            )
-        server = Server(process, log, 0)
-        started.append(server)
-        until = time.monotonic() + 60
-        while time.monotonic() < until and process.poll() is None:
-            if found := re.search(r"http://127\.0\.0\.1:(\d+)/", log.read_text()):
-                server.port = int(found[1])
-                with contextlib.suppress(httpx.TransportError):
-                    if httpx.get(f"{server.url}/readyz").status_code == 200:
-                        return server
-            time.sleep(0.05)
-        pytest.fail(log.read_text())
-
-    yield run
-    for server in started:
-        if server.process.poll() is None:
-            os.killpg(server.process.pid, signal.SIGKILL)
-            server.process.wait()
 
 
 @pytest.fixture(scope="module")
