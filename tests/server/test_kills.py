@@ -1,92 +1,120 @@
-"""Processes killed while they store counts: nothing that they acknowledged is missing, and the store goes on."""
+"""The whole server killed while counts are posted: nothing that it acknowledged is missing when it is back."""
 
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from threading import Event
 
+import httpx
 import pytest
 
-from sidestep.crowds.live import LiveCount
+from .processes import Server
 
-BEGIN = datetime.fromisoformat("2025-05-24T00:00Z")
-MINUTES = 50
-# Two threads put counts of sensors of their own, each with a number that grows; what returned is said in one write.
-WRITER = """
-import itertools, os, sys, threading
-from datetime import UTC, datetime, timedelta
-from sidestep.crowds.live import LiveCount
-from sidestep.server.store import Store
-
-url, begin, minutes, first = sys.argv[1], datetime.fromisoformat(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-store = Store(url)
-
-def write(sensor):
-    for number in itertools.count(first):
-        begins = [begin + timedelta(minutes=(number * 7 + each) % minutes) for each in range(1 + number % 4)]
-        store.put_counts([LiveCount(sensor, each, 60.0, float(number)) for each in begins], datetime.now(UTC))
-        os.write(1, "".join(f"{sensor} {each.isoformat()} {number}\\n" for each in begins).encode())
-
-for sensor in ("bridge", "quay"):
-    threading.Thread(target=write, args=(sensor,)).start()
-"""
+CONNECTIONS, MINUTES = 4, 50
+BEGIN = datetime.now(UTC).replace(second=0, microsecond=0) - timedelta(days=1)
+Values = dict[tuple[str, datetime], float]
 
 
-def kill_writers(database, kills: int, rng: random.Random, crash: Callable[[], None] = lambda: None) -> int:
-    """Start a writer and kill it, again and again; returns how many counts were acknowledged."""
-    acknowledged: dict[tuple[str, datetime], float] = {}
-    total, first = 0, 1
-    for _ in range(kills):
-        command = [sys.executable, "-c", WRITER, database.url, BEGIN.isoformat(), str(MINUTES), str(first)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-            said = process.stdout.readline()  # it has begun
-            pause = rng.choice([0.0, rng.uniform(0, 0.02), rng.uniform(0, 0.5)])
-            time.sleep(pause)
-            crash()
-            process.kill()
-            said += process.stdout.read()
-        lines = [line.split() for line in said.decode().splitlines(keepends=True) if line.endswith("\n")]
-        assert lines
-        for sensor, begins, number in lines:
-            key = sensor, datetime.fromisoformat(begins)
-            acknowledged[key] = max(acknowledged.get(key, 0.0), float(number))
-        total += len(lines)
+@dataclass
+class Counter:
+    """Posts counts of its own minutes on one connection, one to four at a time, each post with a larger number."""
+
+    sensor: str
+    begin: datetime
+    acknowledged: Values = field(default_factory=dict)
+    sent: Values = field(default_factory=dict)
+    """What was not answered: it may be stored, but only as a whole."""
+    number: int = 0
+
+    def post(self, server: Server, begun: Event, refusals: set[int]) -> int:
+        """Post until the server is gone; returns how many counts were acknowledged."""
+        total = 0
+        with httpx.Client(base_url=server.url, timeout=60) as client:
+            while True:
+                self.number += 1
+                minutes = [(self.number * 7 + each) % MINUTES for each in range(1 + self.number % 4)]
+                begins = [self.begin + timedelta(minutes=each) for each in minutes]
+                self.sent = {(self.sensor, each): self.number / 100 for each in begins}
+                rows = [
+                    {"sensor": self.sensor, "time": each.isoformat(), "seconds": 60, "count": self.number / 100}
+                    for each in begins
+                ]
+                try:
+                    while (answer := client.post("/counts", json=rows)).status_code in refusals:
+                        time.sleep(0.01)
+                except httpx.TransportError:
+                    return total
+                assert (answer.status_code, answer.json()["accepted"]) == (200, len(rows)), answer.text
+                self.acknowledged |= self.sent
+                total += len(rows)
+                begun.set()
+
+    def check(self, stored: Values) -> None:
+        """Compare with what is stored."""
+        mine = {key: value for key, value in stored.items() if key[0] == self.sensor and key[1] in self}
+        assert mine in (self.acknowledged, self.acknowledged | self.sent)
+        self.acknowledged = mine
+
+    def __contains__(self, time: datetime) -> bool:
+        return self.begin <= time < self.begin + timedelta(minutes=MINUTES)
+
+
+def kill_servers(
+    database,
+    start: Callable[..., Server],
+    town: Path,
+    kills: int,
+    rng: random.Random,
+    crash: Callable[[], object] | None = None,
+) -> int:
+    """Start a server, post and kill it, again and again; returns how many counts were acknowledged."""
+    counters = [
+        Counter(sensor, BEGIN + timedelta(hours=hour))
+        for hour in range(CONNECTIONS // 2)
+        for sensor in ("long", "quay")
+    ]
+    total, refusals = 0, {503} if crash else set()
+    for kill in range(kills + 1):
+        server = start("--store", database.url, "--rate", "1e6", scenario=town)
         store = database.open()
         stored = {(count.sensor, count.begins): count.persons for count in store.counts_since(BEGIN)}
-        # What was stored but not yet acknowledged is later, and at most one post of each sensor.
-        lost = {key: (number, stored.get(key)) for key, number in acknowledged.items() if stored.get(key, 0.0) < number}
-        assert not lost, f"killed {pause:.4f} s after the first: {lost}"
-        later = [key for key, number in stored.items() if number > acknowledged.get(key, 0.0)]
-        assert len(later) <= 2 * 4
-        acknowledged |= stored
-        first = int(max(stored.values())) + 1
-        # The next writer waits for nobody.
-        began = time.monotonic()
-        told = store.put_counts([LiveCount("fountain", BEGIN + timedelta(minutes=first), 60.0, 1.0)], datetime.now(UTC))
-        assert told == ["new"]
-        assert time.monotonic() - began < 3
-        acknowledged["fountain", BEGIN + timedelta(minutes=first)] = 1.0
         store.close()
-    return total
+        for counter in counters:
+            counter.check(stored)
+        if kill == kills:
+            return total
+        begun = Event()
+        with ThreadPoolExecutor(CONNECTIONS) as threads:
+            posting = [threads.submit(counter.post, server, begun, refusals) for counter in counters]
+            assert begun.wait(5)  # it waits for nobody who was killed
+            time.sleep(rng.choice([0.0, rng.uniform(0, 0.02), rng.uniform(0, 0.5)]))
+            if crash:
+                crash()
+            server.kill()
+        total += sum(each.result() for each in posting)
+        assert "Traceback" not in server.log.read_text()
+    raise AssertionError
 
 
-def test_nothing_acknowledged_is_lost(database) -> None:
-    assert kill_writers(database, 5, random.Random(7)) >= 5
+def test_nothing_acknowledged_is_lost(database, start, live_town: Path) -> None:
+    assert kill_servers(database, start, live_town, 5, random.Random(7)) >= 5
 
 
 @pytest.mark.stress
-def test_nothing_acknowledged_is_lost_in_a_hundred_kills(database, request, capsys) -> None:
+def test_nothing_acknowledged_is_lost_in_a_hundred_kills(database, start, live_town: Path, request, capsys) -> None:
     rng = random.Random(request.config.getoption("--hypothesis-seed", None))
-    total = kill_writers(database, 100, rng)
+    total = kill_servers(database, start, live_town, 100, rng)
     with capsys.disabled():
         print(f"\n{database.kind}: 100 kills, {total:,} counts acknowledged, none lost")
 
 
 @pytest.mark.stress
-def test_nothing_acknowledged_is_lost_when_the_database_is_killed(database, request) -> None:
+def test_nothing_acknowledged_is_lost_when_the_database_is_killed(database, start, live_town: Path, request) -> None:
     """PostgreSQL itself stops at once, without writing anything, and recovers what it said was on the disk."""
     if database.kind == "sqlite":
         pytest.skip("SQLite is in the process that is killed above")
@@ -96,4 +124,4 @@ def test_nothing_acknowledged_is_lost_when_the_database_is_killed(database, requ
         cluster.stop(signal.SIGQUIT)
         cluster.start()
 
-    assert kill_writers(database, 20, random.Random(7), crash) >= 20
+    assert kill_servers(database, start, live_town, 20, random.Random(7), crash) >= 20
