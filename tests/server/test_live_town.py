@@ -118,6 +118,15 @@ def test_routes_of_all_kinds_go_on_from_counts(client: httpx.Client, post) -> No
     post(long(USUAL))
 
 
+def test_times_without_a_day_are_of_today(client: httpx.Client) -> None:
+    today = client.get("/clock").json()["now"][:10]
+    (route,) = client.get(f"{ROUTE}&depart_at=17:30").json()["routes"]
+    assert route["departure"] == f"{today}T17:30:00"
+    (route,) = client.get(f"{ROUTE}&arrive_by=17:30&futures=20").json()["routes"]
+    assert route["departure"].startswith(f"{today}T17:")
+    assert client.get(f"{ROUTE}&depart_at=Tue 17:30").json()["routes"][0]["departs"] == "Tuesday 17:30"
+
+
 def test_what_sensors_counted(client: httpx.Client, post) -> None:
     post(long(MANY))
     sensors = {each["properties"]["sensor"]: each for each in client.get("/sensors").json()["features"]}

@@ -35,6 +35,7 @@ CONFIDENCE = 0.9
 NO_COORDINATES = "a grid has no coordinates; choose text or json, or a scenario with real streets, such as helsinki"
 _CALLED = {
     "depart": "the departure",
+    "depart_at": "the departure",
     "until": "the last departure",
     "arrive_by": "the arrival",
     "at": "the time",

@@ -16,7 +16,7 @@ from sidestep.server.town import ServedTown
 M = TypeVar("M", bound=BaseModel)
 Place = Annotated[str, Query(max_length=80, description="Longitude and latitude, with a comma between them.")]
 Time = Annotated[
-    str | None, Query(max_length=40, description="Local time: ISO 8601, Fri 17:30 or 17:30; by default now.")
+    str | None, Query(max_length=40, description="Local time: ISO 8601, Fri 17:30 or, of today, 17:30; by default now.")
 ]
 PlannerName = Annotated[
     str | None, Query(pattern=PLANNER, description="Who plans; by default expected, or darp where there is a model.")

@@ -9,7 +9,6 @@ from starlette.responses import Response
 from sidestep.planners.registry import BASELINE
 from sidestep.routing.departures import MOST_DEPARTURES
 from sidestep.routing.directions import crowding_word
-from sidestep.routing.request import read_departure
 from sidestep.server import shapes
 from sidestep.server.asking import (
     Futures,
@@ -84,9 +83,9 @@ async def when(
             .when(
                 *ends,
                 depart=served.asked("depart_at", depart_at),
-                until=read_departure(until, "until"),
+                until=served.time("until", until),
                 step=step,
-                arrive_by=read_departure(arrive_by, "arrive_by"),
+                arrive_by=served.time("arrive_by", arrive_by),
                 planner=planner,
                 futures=number,
                 most=most,

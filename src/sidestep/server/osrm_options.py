@@ -120,7 +120,7 @@ class General(BaseModel):
     """Kinds of streets that are not walked, such as ``steps``; ``none`` is none of them."""
     snapping: Literal["default", "any"] = "default"
     depart_at: Text | None = None
-    """Local time: ISO 8601, ``Fri 17:30`` or ``17:30``; by default now."""
+    """Local time: ISO 8601, ``Fri 17:30`` or, of today, ``17:30``; by default now."""
     walker: Text | None = None
     """Who walks, as in ``sidestep route --walker``."""
 

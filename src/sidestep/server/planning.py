@@ -13,7 +13,7 @@ from sidestep.network.town import TownError
 from sidestep.planners.registry import BASELINE
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.quick import QuickRouter
-from sidestep.routing.request import RouteError, RouteRequest, read_departure
+from sidestep.routing.request import RouteError, RouteRequest
 from sidestep.server import osrm, osrm_options
 from sidestep.server.hints import rounded
 from sidestep.server.osrm import Stretch, Walk
@@ -258,7 +258,7 @@ def _planned_walks(
         raise ProblemError(400, said, field="coordinates", code="NotImplemented")
     router = served.variants.router(options.walker, options.objective)
     origin, destination = (point.place for point in points)
-    deadline = read_departure(options.arrive_by, "arrive_by")
+    deadline = served.time("arrive_by", options.arrive_by)
     depart = served.asked("depart_at", options.depart_at) if deadline is None or options.depart_at else None
     if deadline is None:
         futures = served.futures(options.planner, options.futures or FEW_FUTURES)

@@ -21,7 +21,7 @@ from sidestep.routing import live as walks
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import CROWDING
 from sidestep.routing.formats import feature
-from sidestep.routing.request import Departure, RouteRequest, at_fault, read_departure
+from sidestep.routing.request import Departure, RouteRequest, TimeOfWeek, at_fault, read_departure
 from sidestep.routing.router import Router
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Venue
@@ -153,7 +153,7 @@ class ServedTown:
         with at_fault(field):
             if given is None:
                 return router.clock(self._now() if router.flow.timed else None)
-            return router.clock(read_departure(given))
+            return router.clock(self.time(field, given))
 
     def _now(self) -> datetime:
         """Now, with an offset where the town has a timezone: of an hour that its clocks show twice only that tells."""
@@ -180,8 +180,30 @@ class ServedTown:
         if given is None:
             # Minute by minute, what is expected is kept.
             return self._now().replace(second=0, microsecond=0) if self.router.flow.timed else None
-        with at_fault(field):
-            return read_departure(given)
+        return self.time(field, given)
+
+    def time(self, field: str, given: str | None) -> Departure | None:
+        """Read a local time; one without a day is of today.
+
+        Parameters
+        ----------
+        field, given
+            The parameter, and its text.
+
+        Returns
+        -------
+        Departure or None
+            The time; None where none is given.
+
+        Raises
+        ------
+        RouteError
+            What is no local time (with the field).
+        """
+        found = read_departure(given, field)
+        if isinstance(found, TimeOfWeek) and found.day is None and self.router.flow.timed:
+            return datetime.combine(self.clock.wall, found.time)
+        return found
 
     @cached_property
     def streets(self) -> dict[str, Any]:
