@@ -13,11 +13,16 @@ import sys
 import threading
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
+
+from sidestep.crowds.crowd_table import save_crowd_table
+from sidestep.crowds.table_reader import read_table
+from sidestep.network.formats import save_town
 
 ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent
@@ -98,24 +103,14 @@ class Server:
             return json.load(answer)
 
 
-@pytest.fixture(scope="module")
-def server(files, tmp_path_factory) -> Iterator[Server]:  # noqa: ARG001 # the page's files come first
-    """``sidestep serve helsinki`` as users run it, with a store of its own."""
-    folder = tmp_path_factory.mktemp("server")
-    command = [
-        sys.executable,
-        "-m",
-        "sidestep",
-        "serve",
-        "helsinki",
-        "--port",
-        "0",
-        "--store",
-        str(folder / "store.db"),
-    ]
+@contextmanager
+def _serve(scenario: str | Path, folder: Path, port: int = 0) -> Iterator[Server]:
+    """``sidestep serve`` as users run it, with a store of its own in a folder; by default at a free port."""
+    command = [sys.executable, "-m", "sidestep", "serve", str(scenario), "--port", str(port)]
     process = subprocess.Popen(
-        command, cwd=folder, env={**os.environ, "SIDESTEP_API_KEY": KEY}, stderr=subprocess.PIPE, text=True
-    )
+        [*command, "--store", str(folder / "store.db")],
+        cwd=folder, env={**os.environ, "SIDESTEP_API_KEY": KEY}, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
     said: list[str] = []
     address, watching = None, threading.Timer(120, process.kill)
     watching.start()
@@ -137,6 +132,39 @@ def server(files, tmp_path_factory) -> Iterator[Server]:  # noqa: ARG001 # the p
     process.wait(30)
     reading.join(10)
     process.stderr.close()
+
+
+@pytest.fixture(scope="session")
+def serve(files) -> Callable[..., AbstractContextManager[Server]]:  # noqa: ARG001 # the page's files come first
+    """Starts servers: of a scenario, with their store in a folder."""
+    return _serve
+
+
+@pytest.fixture(scope="module")
+def server(serve, tmp_path_factory) -> Iterator[Server]:
+    """Central Helsinki."""
+    with serve("helsinki", tmp_path_factory.mktemp("server")) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def small(make_town, tmp_path_factory) -> Callable[..., Path]:
+    """Files of scenarios: one straight street after another, with a crowd on the first that knows no times."""
+
+    def make(name: str, streets: int) -> Path:
+        folder = tmp_path_factory.mktemp(name)
+        places, ends = [(100 * turn, 0) for turn in range(streets + 1)], [(turn, turn + 1) for turn in range(streets)]
+        town = make_town(places, ends, name=tuple(f"{name} {turn}" for turn in range(streets)))
+        save_town(town, folder / "town.npz")
+        (folder / "crowds.csv").write_text("street,slot,density\n0,0,0.5\n0,1,0.5\n")
+        save_crowd_table(read_table(folder / "crowds.csv", town), folder / "crowds.npz")
+        (folder / f"{name}.toml").write_text(
+            'law = "weidmann"\nhorizon_minutes = 60\n[place]\nstreets = "town.npz"\n'
+            '[place.crowd_source]\nkind = "crowd_table"\nfile = "crowds.npz"\nnoise = [0.9, 0.0]\n'
+        )
+        return folder / f"{name}.toml"
+
+    return make
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +216,14 @@ def opened(chromium: Browser, server: Server) -> Iterator[Callable[..., View]]:
     """Pages in a browser: none may ask another host, or complain on its console, unless a test says what it may say."""
     views: list[tuple[View, tuple[str, ...]]] = []
 
-    def make(size: str = "desktop", *, allowed: tuple[str, ...] = (), init: str = "", **options: object) -> View:
+    def make(
+        size: str = "desktop",
+        *,
+        allowed: tuple[str, ...] = (),
+        init: str = "",
+        server: Server = server,
+        **options: object,
+    ) -> View:
         context = chromium.new_context(viewport=SIZES[size], has_touch=size == "phone", **options)
         if init:
             context.add_init_script(init)
@@ -202,5 +237,7 @@ def opened(chromium: Browser, server: Server) -> Iterator[Callable[..., View]]:
     yield make
     for view, allowed in views:
         view.page.context.close()
-        assert [url for url in view.requested if not url.startswith((f"{server.address}/", "blob:", "data:"))] == []
+        assert [
+            url for url in view.requested if not url.startswith((f"{view.server.address}/", "blob:", "data:"))
+        ] == []
         assert [said for said in view.errors if not any(words in said for words in allowed)] == []

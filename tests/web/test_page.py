@@ -425,6 +425,31 @@ def test_what_is_synthetic_and_whose_data_it_is_are_said(opened, server):
     expect(view.page.locator("#attribution")).to_contain_text("OpenStreetMap")
 
 
+def test_another_town_at_the_same_address_is_shown(opened, serve, small, tmp_path):
+    one, other = small("one", 2), small("other", 3)
+    names = "() => sidestep.map.getSource('names').serialize().data.features.map(({ properties }) => properties.name)"
+    with serve(one, tmp_path) as running:
+        view = opened(server=running, allowed=("ERR_",)).open()
+        view.until(lambda: set(view.get(names)) == {"one 0", "one 1"})
+        port = int(running.address.rpartition(":")[2])
+    with serve(other, tmp_path, port):
+        # The page that is open notices, and what the browser keeps of the streets is asked for anew.
+        expect(view.page.locator("#town")).to_have_text("Other", timeout=30000)
+        view.page.wait_for_selector("html[data-map=drawn]")
+        view.until(lambda: set(view.get(names)) == {"other 0", "other 1", "other 2"})
+
+
+def test_crowds_that_know_no_times_have_none_to_choose(opened, serve, small, tmp_path):
+    with serve(small("timeless", 2), tmp_path) as running:
+        view = opened(server=running, allowed=("ERR_",)).open(
+            "#from=0.0002,0&to=0.0016,0&at=Sat-17:30&by=18:30&planners=expected"
+        )
+        expect(view.page.locator("#time-shown")).to_have_text("From the start")
+        expect(first_row(view)).to_contain_text(re.compile(r"expected.*\d", re.DOTALL))
+        for name in ("#slider", "#day", "#now", "#play", "#arrive-by"):
+            expect(view.page.locator(name)).to_be_hidden()
+
+
 def test_dark_is_chosen_and_remembered(opened):
     view = opened(color_scheme="light").open()
     view.page.click("#theme")

@@ -120,8 +120,9 @@ async def crowds(request: Request, at: Time = None, *, geometry: Geometry = True
 async def streets(request: Request, if_none_match: Annotated[str | None, Header()] = None) -> Response:
     """All streets, as GeoJSON; they stay as they are until another scenario is served."""
     content, tag = town_of(request).streets_json
+    # Browsers ask each time whether they are still the same: the next server at this address may have another town.
     headers = {"etag": tag, "cache-control": "no-cache"}
-    if if_none_match == tag:
+    if tag in (if_none_match or ""):
         return Response(status_code=304, headers=headers)
     return Response(content, headers=headers, media_type="application/geo+json")
 

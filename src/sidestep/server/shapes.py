@@ -190,6 +190,7 @@ TOWN = answers(
             "crowds": _or_null("string"),
             "synthetic": _or_null("string"),
             "timezone": _or_null("string"),
+            "timed": {"type": "boolean", "description": "Whether crowds depend on the time of day."},
             "planners": _list(TEXT),
             "walkers": _list(TEXT),
             "objectives": _list(TEXT),

@@ -243,6 +243,7 @@ class ServedTown:
             "crowds": self.venue.attribution,
             "synthetic": self.venue.synthetic,
             "timezone": self.venue.timezone,
+            "timed": self.router.flow.timed,
             "planners": planners + [LEARNED] * self.has_model,
             "walkers": list(WALKERS),
             "objectives": ["time", "distance", "exposure"],

@@ -191,8 +191,14 @@ export function startCounts(facts, features, changed) {
       refreshCrowds();
     },
   });
+  const same = (one, other) => ["scenario", "version", "streets"].every((name) => one[name] === other[name]);
   source.onopen = () => {
     if (cut) {
+      // A server that was started anew may have another town, or another version of this page.
+      get("town").then(
+        (anew) => same(anew, town) || location.reload(),
+        () => {},
+      );
       get("clock").then(setClock, () => {});
       refreshCrowds();
       arrived();

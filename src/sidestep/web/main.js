@@ -88,6 +88,11 @@ async function start() {
   }
   town.name ??= town.scenario.charAt(0).toUpperCase() + town.scenario.slice(1);
   showTown(town);
+  if (!town.timed) {
+    // There is nothing but the start to choose.
+    Object.assign(state, { at: null, by: "" });
+    document.documentElement.dataset.timed = "no";
+  }
   startCrowds(town);
   const time = await startTime(town);
   startPlaces(town);
@@ -109,7 +114,7 @@ async function start() {
   addEventListener("hashchange", () => {
     const link = readLink(location.hash);
     goTo(link.camera);
-    change(link);
+    change(town.timed ? link : { ...link, at: null, by: "" });
   });
   await startMap(town, streets, library);
   performance.mark("drawn");

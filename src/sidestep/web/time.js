@@ -10,6 +10,7 @@ let reading = { minutes: 720, speed: 1, at: performance.now(), simulated: false 
 let playing = 0;
 let counted = false;
 let synthetic = false;
+let timed = true; // whether crowds depend on the time
 const deadlines = []; // which day they mean depends on the time
 
 /** Minutes of the week by the server's clock. */
@@ -33,7 +34,7 @@ export function deadlineChoice(id) {
   onChange((changed) => changed.has("by") && show());
   deadlines.push(show);
   show();
-  return make("div", { class: "choice" }, make("label", { for: id, text: "To be there by" }), input, day);
+  return make("div", { class: "choice timed" }, make("label", { for: id, text: "To be there by" }), input, day);
 }
 
 /** Take over what the server says about its clock. */
@@ -55,8 +56,8 @@ export function setClock(said) {
 function showTime() {
   const at = chosen();
   const slider = byId("slider");
-  const words = `${dayName(at)} ${clock(at)}`;
-  const parts = [make("span", { class: "of-day", text: `${dayName(at)} ` }), clock(at)];
+  const words = timed ? `${dayName(at)} ${clock(at)}` : "From the start";
+  const parts = timed ? [make("span", { class: "of-day", text: `${dayName(at)} ` }), clock(at)] : [words];
   slider.value = String(Math.min(Math.floor((at % 1440) / STEP) * STEP, 1425));
   slider.setAttribute("aria-valuetext", words);
   slider.style.setProperty("--part", `${((at % 1440) / 1440) * 100}%`);
@@ -125,6 +126,7 @@ function showShape(day, metres) {
 /** Begin. */
 export async function startTime(town) {
   synthetic = Boolean(town.synthetic);
+  timed = town.timed;
   let metres = [];
   byId("day").append(...DAYS.map((_, day) => make("option", { value: day, text: dayName(day * 1440) })));
   byId("day-shape").setAttribute("viewBox", "0 0 24 1");
@@ -161,7 +163,7 @@ export async function startTime(town) {
     if (day !== Math.floor(chosen() / 1440)) {
       day = Math.floor(chosen() / 1440);
       showShape(day, metres);
-      if (ready) another();
+      if (ready && timed) another();
     }
   };
   onChange((changed) => changed.has("at") && look());
@@ -179,7 +181,7 @@ export async function startTime(town) {
     withStreets(lengths) {
       metres = lengths;
       ready = true;
-      another();
+      if (timed) another();
     },
   };
 }
