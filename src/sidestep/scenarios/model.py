@@ -121,7 +121,11 @@ def read_objective(text: str) -> ObjectiveSpec:
             weights[name] = float(value)
         except ValueError as error:
             raise ScenarioError(f"objective: {name} must be a number, not {value!r:.40}", field=name) from error
-    return ObjectiveSpec().changed(**weights)
+    try:
+        return ObjectiveSpec().changed(**weights)
+    except ScenarioError as error:
+        error.field = error.field or "objective"
+        raise
 
 
 def objective_in_words(objective: dict[str, float | None]) -> str:

@@ -1,5 +1,6 @@
 """What all specs have in common: strict, frozen, and refused with one sentence where they are wrong."""
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
 
@@ -75,7 +76,7 @@ class Spec(BaseModel, metaclass=_Refusing):
     @property
     def called(self) -> str:
         """What messages call it."""
-        return type(self).__name__
+        return _in_words(type(self))
 
     def changed(self, **changes: object) -> Self:
         """The same with other values, validated again.
@@ -169,7 +170,13 @@ def _fault(found: Any, kind: type[BaseModel]) -> Fault:
         sort = "too_short"
     meaning = _MEANINGS[sort].format_map(found.get("ctx", {})) if sort in _MEANINGS else found["msg"]
     but = "" if sort in _COMPLETE else f", not {shown(found['input'])}"
-    return Fault(path, f"{'.'.join(path) or kind.__name__} {meaning}{but}")
+    return Fault(path, f"{'.'.join(path) or _in_words(kind)} {meaning}{but}")
+
+
+def _in_words(kind: type[BaseModel]) -> str:
+    """What people call a kind of spec, such as the objective."""
+    words = re.findall(r"[A-Z][a-z]*", kind.__name__.removesuffix("Spec"))
+    return f"the {' '.join(words).lower()}"
 
 
 def _walk(kind: type[BaseModel], place: Iterable[str | int]) -> tuple[tuple[str, ...], list[type[BaseModel]]]:
