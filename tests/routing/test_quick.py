@@ -92,6 +92,7 @@ def test_kinds_that_are_not_walked(router) -> None:
     with pytest.raises(TownError) as unknown:
         quick.route(4, 0, noon, ["stepz"])
     assert unknown.value.field == "exclude"
+    assert all(kind in str(unknown.value) for kind in quick.snapper.town.kind)
 
 
 def test_a_matrix_agrees_with_its_routes(router, town) -> None:

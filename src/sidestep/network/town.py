@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int, Int16, Int32, Int64
 
-from sidestep.errors import SidestepError, hint
+from sidestep.errors import SidestepError
 from sidestep.network.checks import check_each, check_edges
 from sidestep.network.geodesy import Projection
 from sidestep.network.opening_hours import open_minutes
@@ -184,7 +184,8 @@ class Town:
         known = sorted(set(self.kind))
         for kind in kinds:
             if kind not in known:
-                raise TownError(f"no street here is of the kind {kind!r:.40}{hint(kind, known)}", field="kind")
+                said = f"no street here is of the kind {kind!r:.40}; choose from {', '.join(known)}"
+                raise TownError(said, field="kind")
         return np.isin(self.kind, kinds)
 
     @property
