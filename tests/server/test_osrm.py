@@ -90,7 +90,8 @@ def client(scenario, prepared) -> Iterator[httpx.Client]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it is to be asked for by another name
         from fastapi.testclient import TestClient
-    settings = Settings(scenario=str(scenario), requests_per_second=1e6)
+    store = str(scenario.with_name("store.db"))
+    settings = Settings(scenario=str(scenario), store=store, requests_per_second=1e6)
     with TestClient(make_app(settings), base_url="http://127.0.0.1") as served:
         prepared(served)
         yield served
