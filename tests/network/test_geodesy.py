@@ -7,6 +7,7 @@ from sidestep.network.geodesy import (
     EARTH_RADIUS,
     Projection,
     course_lengths,
+    heading,
     line_geometry,
     metres_between,
     split_at_antimeridian,
@@ -18,6 +19,17 @@ QUARTER = np.pi / 2 * EARTH_RADIUS  # of the equator, and of a meridian
 def test_distances_on_the_globe() -> None:
     found = metres_between(np.array([[0.0, 0], [10, 0]]), np.array([[90.0, 0], [10, 90]]))
     np.testing.assert_allclose(found, [QUARTER, QUARTER])
+
+
+@pytest.mark.parametrize("bearing", [0.0, 37.5, 90.0, 180.0, 269.9, 359.0])
+@pytest.mark.parametrize("longitude", [24.94, 179.999, -179.999])
+def test_the_way_to_a_place_near_by(bearing: float, longitude: float) -> None:
+    start, metres = np.array([longitude, 60.17]), 250.0
+    there = metres * np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
+    end = Projection.of(start[None]).unproject(there)
+    found, length = heading(start.tolist(), end.tolist())
+    assert (found - bearing + 180) % 360 == pytest.approx(180, abs=0.01)
+    assert length == pytest.approx(metres_between(start[None], end[None])[0], rel=1e-4)
 
 
 def test_lengths_of_courses() -> None:

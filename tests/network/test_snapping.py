@@ -80,6 +80,16 @@ def test_beyond_a_bend(snapper) -> None:
     close(nearest(snapper, 303, -4), 0, 0.75, 5, 300, 0)
 
 
+@pytest.mark.parametrize("here", [(50, 8), (0, 0), (130, 40), (-20, 3)])
+def test_a_point_that_was_found_is_found_again(snapper, here: tuple[float, float]) -> None:
+    longitude, latitude = snapper.town.projection.unproject(np.array(here, float)).tolist()
+    for point in snapper.several(latitude, longitude, 3):
+        again = snapper.at(point.street, point.fraction, latitude, longitude)
+        assert (again.street, again.fraction) == (point.street, point.fraction)
+        assert again.place == pytest.approx(point.place, abs=1e-9)
+        assert again.distance == pytest.approx(point.distance, abs=1e-6)
+
+
 def test_on_a_crossing(snapper) -> None:
     # Two streets are as near: it is the end of one of them.
     for x, y, ends in ((0, 0, {(0, 0), (2, 1)}), (300, 100, {(0, 1), (1, 0)}), (0, 100, {(1, 1), (2, 0)})):

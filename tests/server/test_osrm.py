@@ -517,7 +517,7 @@ def test_other_coordinates_are_refused(text: str) -> None:
 
 @given(st.integers(0, len(STREETS) - 1), st.floats(0, 1), degrees)
 def test_hints_are_read_as_they_are_written(town: Town, street: int, fraction: float, place: Any) -> None:
-    hinter = Hinter(town)
+    hinter = Hinter(Snapper(town))
     tail, head = (np.array(PLACES[end]) for end in STREETS[street][:2])
     x, y = (tail + fraction * (head - tail)) / DEGREE
     hint = hinter.hint(StreetPoint(street, fraction, 0.0, (y, x)), place)
@@ -533,14 +533,14 @@ def test_hints_are_read_as_they_are_written(town: Town, street: int, fraction: f
 
 @given(st.one_of(st.none(), st.text(), st.binary(max_size=40).map(lambda raw: raw.hex())))
 def test_other_hints_are_ignored(town: Town, hint: str | None) -> None:
-    assert Hinter(town).point(hint, 0.0, 0.0) is None
+    assert Hinter(Snapper(town)).point(hint, 0.0, 0.0) is None
 
 
 def test_hints_of_other_towns_are_ignored(town: Town, make_town) -> None:
     other = make_town([(0, 0), (100, 0)], [(0, 1)])
-    hint = Hinter(other).hint(StreetPoint(0, 0.5, 0.0, (0.0, 50 / DEGREE)), (0.0, 0.0))
-    assert Hinter(other).point(hint, 0.0, 0.0) is not None
-    assert Hinter(town).point(hint, 0.0, 0.0) is None
+    hint = Hinter(Snapper(other)).hint(StreetPoint(0, 0.5, 0.0, (0.0, 50 / DEGREE)), (0.0, 0.0))
+    assert Hinter(Snapper(other)).point(hint, 0.0, 0.0) is not None
+    assert Hinter(Snapper(town)).point(hint, 0.0, 0.0) is None
 
 
 def test_hints_spare_the_search(get) -> None:

@@ -1,5 +1,6 @@
 """Longitude and latitude in metres: great-circle distances, and a plane for a town, on either side of 180°."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -98,6 +99,25 @@ class Projection:
         lonlat = xy / self.scale + self.centre
         _wrap(lonlat)
         return lonlat
+
+
+def heading(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:
+    """Find the way from one place to another near by, in the plane.
+
+    Parameters
+    ----------
+    start, end
+        Longitude and latitude in degrees.
+
+    Returns
+    -------
+    float, float
+        Its bearing, in degrees clockwise from north, and its length in metres.
+    """
+    (west, south), (east, north) = start, end
+    right = ((east - west + HALF_CIRCLE) % (2 * HALF_CIRCLE) - HALF_CIRCLE) * math.cos(math.radians(north))
+    up = north - south
+    return math.degrees(math.atan2(right, up)) % 360, EARTH_RADIUS * math.radians(math.hypot(right, up))
 
 
 def metres_between(

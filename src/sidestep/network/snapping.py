@@ -112,6 +112,26 @@ class Snapper:
         fraction = float(along) / max(line.length, 1e-12)  # two crossings may be at the same place
         return StreetPoint(street, fraction, distance, (latitude, longitude))
 
+    def at(self, street: int, fraction: float, latitude: float, longitude: float) -> StreetPoint:
+        """Give a point of a street again that was found before.
+
+        Parameters
+        ----------
+        street, fraction
+            Of the point.
+        latitude, longitude
+            Degrees of the place that it was found for.
+
+        Returns
+        -------
+        StreetPoint
+            The point.
+        """
+        here = shapely.Point(self.town.project(np.array([longitude, latitude])))
+        there = shapely.line_interpolate_point(self._index.geometries[street], fraction, normalized=True)
+        place = self.town.projection.unproject(shapely.get_coordinates(there)[0]).tolist()
+        return StreetPoint(street, fraction, float(shapely.distance(here, there)), (place[1], place[0]))
+
     def bearing(self, point: StreetPoint) -> float:
         """Give the bearing of a street at a point on it.
 

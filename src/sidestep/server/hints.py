@@ -5,17 +5,12 @@ import struct
 import zlib
 from collections.abc import Sequence
 
-import numpy as np
-
-from sidestep.network.snapping import StreetPoint
-from sidestep.network.town import Town
+from sidestep.network.snapping import Snapper, StreetPoint
 from sidestep.server.osrm_options import Pair
 
 _HINT = struct.Struct("<IIdii")
 DIGITS = 6
 """Of degrees, as OSRM has them: clients look for waypoints among the points of a line, which must be the same."""
-DEGREE = 111_195.08
-"""Metres of a degree of latitude."""
 
 
 class Hinter:
@@ -23,13 +18,13 @@ class Hinter:
 
     Parameters
     ----------
-    town
-        The streets; hints of other streets are ignored.
+    snapper
+        Of the streets; hints of other streets are ignored.
     """
 
-    def __init__(self, town: Town) -> None:
-        self._town = town
-        self._sum = zlib.crc32(town.points.tobytes())
+    def __init__(self, snapper: Snapper) -> None:
+        self._snapper = snapper
+        self._sum = zlib.crc32(snapper.town.points.tobytes())
 
     def hint(self, point: StreetPoint, coordinate: Pair) -> str:
         """Text for a place on a street, found for a longitude and a latitude."""
@@ -56,17 +51,11 @@ class Hinter:
             total, street, fraction, *coordinate = _HINT.unpack(base64.urlsafe_b64decode(hint or ""))
         except (ValueError, struct.error):
             return None
-        town = self._town
-        if total != self._sum or not (0 <= street < town.streets and 0 <= fraction <= 1):
+        if total != self._sum or not (0 <= street < self._snapper.town.streets and 0 <= fraction <= 1):
             return None
         if tuple(coordinate) != _fixed((longitude, latitude)):
             return None
-        course = town.project(town.course(street))
-        along = np.append(0.0, np.linalg.norm(np.diff(course, axis=0), axis=1).cumsum())
-        at = np.array([np.interp(fraction * along[-1], along, column) for column in course.T])
-        away = float(np.linalg.norm(town.project(np.array([longitude, latitude])) - at))
-        there = town.projection.unproject(at).tolist()
-        return StreetPoint(street, fraction, away, (there[1], there[0]))
+        return self._snapper.at(street, fraction, latitude, longitude)
 
 
 def _fixed(coordinate: Pair) -> tuple[int, int]:

@@ -3,7 +3,6 @@
 https://project-osrm.org/docs/ describes them. What is added has names that OSRM does not use.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import polyline
-from jaxtyping import Float
 
+from sidestep.network.geodesy import heading, metres_between
 from sidestep.network.snapping import StreetPoint, simplified
 from sidestep.network.town import Town
-from sidestep.routing.directions import CROWDING, Leg, Step
-from sidestep.server.hints import DEGREE, DIGITS, rounded
+from sidestep.routing.directions import CROWDING, TURNS, Leg, Step, crowding_word, turn_word
+from sidestep.server.hints import DIGITS, rounded
 from sidestep.server.osrm_options import ANNOTATIONS, Pair, RouteOptions
 
 SIMPLIFIED = 10.0
@@ -29,7 +28,12 @@ CONGESTION = dict(zip((word for _, word in CROWDING), ("low", "moderate", "heavy
 """Mapbox's words for congestion, which clients colour routes by, for ours of crowding."""
 JAMMED = 5.4
 """Persons/m² of a ``congestion_numeric`` of 100: nobody moves there (U. Weidmann, Transporttechnik der Fussgänger)."""
-_MODIFIERS = ((20.0, "straight"), (60.0, "slight {}"), (120.0, "{}"), (165.0, "sharp {}"), (math.inf, "uturn"))
+_MODIFIERS = {
+    ours.format(side): theirs.format(side)
+    for (_, ours), theirs in zip(TURNS, ("straight", "slight {}", "{}", "sharp {}", "uturn"), strict=True)
+    for side in ("left", "right")
+}
+"""OSRM's words for our turns."""
 _BESIDE = 5.0, 300.0
 """Metres from the end of a route between which its place is said to be on one side."""
 
@@ -110,11 +114,7 @@ def geometry(points: Any, form: str) -> Any:
 
 def modifier(before: float | None, after: float) -> str:
     """OSRM's word for a turn from one bearing to another, in degrees clockwise from north."""
-    if before is None:
-        return "straight"
-    angle = (after - before + 180) % 360 - 180
-    words = next(words for limit, words in _MODIFIERS if abs(angle) <= limit)
-    return words.format("right" if angle > 0 else "left")
+    return "straight" if before is None else _MODIFIERS[turn_word(before, after)]
 
 
 def _steps(stretch: Stretch, form: str) -> list[dict[str, Any]]:
@@ -138,7 +138,7 @@ def _steps(stretch: Stretch, form: str) -> list[dict[str, Any]]:
         maneuver["instruction"] = f"{step.turn}: {step.street}"
         found.append(_step(points, form, maneuver, name, 60 * step.minutes, step.metres))
     points = stretch.course
-    end = _heading(stretch.legs)
+    end = heading(*(stretch.legs[-1].coordinates or points)[-2:])[0] if stretch.legs else 0.0
     arrival = _maneuver("arrive", _side(stretch, end), points[-1], end, None)
     arrival["instruction"] = "arrive"
     name = (stretch.legs[-1].name or "") if stretch.legs else ""
@@ -149,24 +149,13 @@ def _steps(stretch: Stretch, form: str) -> list[dict[str, Any]]:
     return found
 
 
-def _heading(legs: Sequence[Leg]) -> float:
-    """The bearing in which the last of the segments ends; 0 where there are none."""
-    if not legs or not legs[-1].coordinates:
-        return 0.0
-    (west, south), (east, north) = legs[-1].coordinates[-2:]
-    return math.degrees(math.atan2((east - west) * math.cos(math.radians(north)), north - south)) % 360
-
-
-def _side(stretch: Stretch, heading: float) -> str:
+def _side(stretch: Stretch, ahead: float) -> str:
     """On which side of a walk's end the coordinate is that it leads to; straight on where it is on the street."""
     if stretch.sought is None:
         return "straight"
-    (west, south), (east, north) = stretch.course[-1], stretch.sought
-    beside, ahead = (east - west) * math.cos(math.radians(north)), north - south
+    bearing, metres = heading(stretch.course[-1], stretch.sought)
     nearest, farthest = _BESIDE
-    if not nearest <= DEGREE * math.hypot(beside, ahead) <= farthest:
-        return "straight"
-    return modifier(heading, math.degrees(math.atan2(beside, ahead)) % 360)
+    return modifier(ahead, bearing) if nearest <= metres <= farthest else "straight"
 
 
 def _maneuver(kind: str, turned: str, place: list[float], before: float | None, after: float | None) -> dict[str, Any]:
@@ -211,7 +200,7 @@ def _annotation(stretch: Stretch, names: Sequence[str]) -> dict[str, Any]:
     columns: dict[str, list[Any]] = {name: [] for name in ANNOTATIONS}
     for leg in stretch.legs:
         points = np.array(leg.coordinates)
-        metres = np.linalg.norm(np.diff(points, axis=0) * _scale(points), axis=1)
+        metres = metres_between(points[:-1], points[1:])
         shares = (metres / max(float(metres.sum()), 1e-9)).tolist()
         seconds = [round(60 * leg.minutes * share, 3) for share in shares]
         columns["distance"] += [round(leg.metres * share, 3) for share in shares]
@@ -219,18 +208,13 @@ def _annotation(stretch: Stretch, names: Sequence[str]) -> dict[str, Any]:
         columns["weight"] += seconds
         columns["datasources"] += [0] * len(shares)
         columns["speed"] += [round(leg.metres / max(60 * leg.minutes, 1e-9), 3)] * len(shares)
-        word = next(word for limit, word in CROWDING if leg.density < limit)
-        columns["congestion"] += [CONGESTION[word]] * len(shares)
+        columns["congestion"] += [CONGESTION[crowding_word(leg.density)]] * len(shares)
         columns["congestion_numeric"] += [min(100, round(100 * leg.density / JAMMED))] * len(shares)
     if not stretch.legs:
         empty = {"datasources": 0, "congestion": "unknown", "congestion_numeric": None}
         columns = {name: [empty.get(name, 0.0)] for name in ANNOTATIONS}
     found: dict[str, Any] = {name: columns[name] for name in names}
     return found | ({"metadata": {"datasource_names": [SOURCE]}} if "datasources" in names else {})
-
-
-def _scale(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "2"]:
-    return np.array([math.cos(math.radians(float(points[0, 1]))), 1.0])
 
 
 def _summary(stretch: Stretch) -> str:

@@ -82,7 +82,7 @@ class ServedTown:
         self.has_model = settings.model is not None
         self.quick = self.router.quick
         self.town = self.quick.snapper.town
-        self.hinter, self.names = Hinter(self.town), StreetNames(self.town)
+        self.hinter, self.names = Hinter(self.quick.snapper), StreetNames(self.town)
         self.store = Store(settings.store_url(self.scenario.name))
         self.clock = ServerClock(self.venue.timezone, self.store)
         self.counting = Counting(self.venue, self.router, self.store, self.clock)
