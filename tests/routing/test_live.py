@@ -130,6 +130,18 @@ def test_times_are_those_of_what_is_left(walk, quiet, place) -> None:
     assert quay.seconds == pytest.approx(on_quay, rel=1e-4)
 
 
+def test_the_first_dense_crowd_on_the_way_is_told(walk, quiet, place) -> None:
+    under_way, found = walk()
+    assert found.crowd_ahead is None
+    ahead = [Ahead(bearing=EAST, density=1.0)]
+    under_way, found = report(quiet, under_way, place(0, 60), after(30), ahead=ahead)
+    crowd = found.crowd_ahead
+    assert (crowd.leg.label, crowd.crowding) == ("Long Street", "dense")
+    assert crowd.metres == pytest.approx(60, rel=1e-3)
+    _, there = report(quiet, under_way, place(300, 0), after(400))
+    assert (there.arrived, there.crowd_ahead) == (True, None)
+
+
 @pytest.mark.parametrize("gain", [-30.0, -1.0, LEAST_GAIN - 1, LEAST_GAIN + 1, 60.0])
 def test_a_crowd_ahead_is_avoided_exactly_where_the_detour_is_shorter(walk, quiet, place, gain: float) -> None:
     """Long Street takes 200 m / v(density) instead of 149 s, and Back Road 300 m / 1.34 m/s = 224 s."""

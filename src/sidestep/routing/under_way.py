@@ -6,8 +6,12 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from sidestep.routing.directions import Leg, crowding_word
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import Place, RouteError
+
+DENSE = ("dense", "jammed")
+"""Words of crowds that walkers are told of."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +175,20 @@ class NextTurn:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CrowdAhead:
+    """A dense crowd on the way."""
+
+    leg: Leg
+    """The street that it is on."""
+
+    crowding: str
+    """A word for its density: "dense" or "jammed"."""
+
+    metres: float
+    """From the position to where the street begins."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Decision:
     """What a walker is told."""
 
@@ -210,6 +228,16 @@ class Decision:
 
     metres_away: float | None
     """From the position to its place on the street; None without a position."""
+
+    @property
+    def crowd_ahead(self) -> CrowdAhead | None:
+        """The first dense crowd on the rest of the route; None where there is none."""
+        metres = 0.0
+        for leg in [] if self.plan is None else self.plan.legs:
+            if (word := crowding_word(leg.density)) in DENSE:
+                return CrowdAhead(leg=leg, crowding=word, metres=metres)
+            metres += leg.metres
+        return None
 
     def to_json(self) -> dict[str, Any]:
         """Everything, ready for ``json.dumps``."""

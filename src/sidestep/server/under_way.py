@@ -9,19 +9,15 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from sidestep.crowds.wall_time import local_time
 from sidestep.routing import live as walks
-from sidestep.routing.directions import crowding_word
-from sidestep.routing.plan import RoutePlan
 from sidestep.routing.request import Departure, RouteError, RouteRequest, at_fault
 from sidestep.routing.router import Router
-from sidestep.routing.under_way import Ahead, Decision, WalkUnderWay
+from sidestep.routing.under_way import Ahead, CrowdAhead, Decision, WalkUnderWay
 from sidestep.server import osrm, osrm_options
 from sidestep.server.planning import walk_of
 from sidestep.server.problems import ProblemError
 from sidestep.server.store import LONGEST_WALK
 from sidestep.server.town import FEW, ServedTown
 
-DENSE = ("dense", "jammed")
-"""Words of crowds that walkers are told of."""
 MOST_WALKS = 10_000
 """Walks that are kept; anybody may begin some, and each takes some 20 kB for an hour."""
 TRIES = 3
@@ -230,9 +226,9 @@ def _state(
     served: ServedTown, walk_id: str, walk: WalkUnderWay, decision: Decision, expires: datetime
 ) -> dict[str, Any]:
     """What is kept of a decision."""
-    crowd = _crowd_ahead(decision.plan)
+    crowd = decision.crowd_ahead
     said = {"id": walk_id, **_said(served, decision, crowd), "expires": _seconds(expires)}
-    return {"walk": walk.to_json(), "crowd": None if crowd is None else crowd["street"], "said": said}
+    return {"walk": walk.to_json(), "crowd": None if crowd is None else crowd.leg.street, "said": said}
 
 
 def _later(served: ServedTown, time: Departure | None, other: str | None) -> Departure | None:
@@ -252,7 +248,7 @@ def _seconds(time: datetime) -> str:
     return (time + timedelta(microseconds=500_000)).isoformat(timespec="seconds")
 
 
-def _said(served: ServedTown, decision: Decision, crowd: dict[str, Any] | None) -> dict[str, Any]:
+def _said(served: ServedTown, decision: Decision, crowd: CrowdAhead | None) -> dict[str, Any]:
     """A decision as JSON."""
     turn, plan = decision.next, decision.plan
     found: dict[str, Any] = {
@@ -265,7 +261,7 @@ def _said(served: ServedTown, decision: Decision, crowd: dict[str, Any] | None) 
         "arrived": decision.arrived,
         "seen": decision.seen,
         "left_route": decision.left_route,
-        "crowd_ahead": crowd,
+        "crowd_ahead": None if crowd is None else _crowd(crowd),
         "route": None,
     }
     legs = [] if plan is None else plan.legs
@@ -286,12 +282,11 @@ def _said(served: ServedTown, decision: Decision, crowd: dict[str, Any] | None) 
     return found
 
 
-def _crowd_ahead(plan: RoutePlan | None) -> dict[str, Any] | None:
-    """The first dense crowd on the rest of a route."""
-    metres = 0.0
-    for leg in [] if plan is None else plan.legs:
-        if (word := crowding_word(leg.density)) in DENSE:
-            said = {"name": leg.label, "street": leg.street, "density": round(leg.density, 2), "crowding": word}
-            return {**said, "distance": round(metres, 1)}
-        metres += leg.metres
-    return None
+def _crowd(crowd: CrowdAhead) -> dict[str, Any]:
+    return {
+        "name": crowd.leg.label,
+        "street": crowd.leg.street,
+        "density": round(crowd.leg.density, 2),
+        "crowding": crowd.crowding,
+        "distance": round(crowd.metres, 1),
+    }
