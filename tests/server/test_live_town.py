@@ -319,6 +319,17 @@ def test_positions_that_cannot_be(client: httpx.Client, body, field: str) -> Non
     assert answer.json()["field"] == field, answer.text
 
 
+def test_latitudes_before_longitudes(client: httpx.Client) -> None:
+    """East is 300 m from the town then, and told apart from places that are nowhere near it."""
+    for (longitude, latitude), is_swapped in ((EAST[::-1], True), (at(0, 2000), False)):
+        place, here = f"{longitude},{latitude}", f"{WEST[0]},{WEST[1]}"
+        paths = f"/route/v1/foot/{here};{place}", f"/nearest/v1/foot/{place}", f"/isochrone?origin={place}&minutes=5"
+        answers = [client.get(path) for path in (*paths, f"/when?origin={here}&destination={place}")]
+        answers.append(client.post("/walks", json={"origin": [longitude, latitude], "destination": WEST}))
+        for answer in answers:
+            assert (answer.status_code, "swap" in answer.text) == (400, is_swapped), answer.text
+
+
 def test_walks_that_nobody_began(client: httpx.Client) -> None:
     for path in (f"/walks/{'0' * 32}", f"/walks/{'0' * 32}/position"):
         answer = client.request("POST" if path.endswith("position") else "GET", path, json={"location": WEST})
