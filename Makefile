@@ -96,9 +96,13 @@ lock:
 	$(COMPILE) --extra serve --constraint requirements.txt --output-file requirements-serve.txt
 	$(COMPILE) --extra dev --constraint requirements-serve.txt --output-file requirements-dev.txt
 
+# Strict: of a package that the service does not know, it finds no fault, which is no good news.
 audit: setup
-	$(BIN)/pip-audit --require-hashes --disable-pip --requirement requirements-serve.txt
-	cd src/sidestep/web && npm audit
+	@found=0; \
+	$(BIN)/pip-audit --strict --progress-spinner off --require-hashes --disable-pip --requirement requirements-serve.txt || found=1; \
+	(cd src/sidestep/web && PATH="$(abspath $(BIN)):$$PATH" npm audit --loglevel error) || found=1; \
+	test $$found = 0 || { echo "audit: a pinned dependency has a known fault, or a service that knows the faults" \
+		"did not answer; the lines above say which" >&2; exit 1; }
 
 reproduce: .venv/ready
 	$(BIN)/sidestep reproduce --maps 100 --out reproduction
