@@ -17,6 +17,7 @@ import pytest
 
 STARTING = 60.0  # s
 PROGRAM = ("-m", "sidestep")
+ESTABLISHED, LISTENS = "01", "0A"  # in /proc/net/tcp
 
 
 @dataclass
@@ -41,6 +42,9 @@ class Server:
         with self.connect(sent) as made:
             return read_all(made)
 
+    def request(self, method: str, path: str, **more: object) -> httpx.Response:
+        return httpx.request(method, f"{self.url}{path}", timeout=60, **more)
+
     def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
         self.process.send_signal(number)
         return self.process.wait(30)
@@ -63,6 +67,33 @@ class Server:
                         return
             time.sleep(0.05)
         pytest.fail(self.log.read_text()[-4000:])
+
+
+def workers_of(server: Server) -> list[int]:
+    """The processes of a server of several, once all of them listen."""
+    parent = server.process.pid
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    found = [int(each) for each in children if b"resource_tracker" not in Path(f"/proc/{each}/cmdline").read_bytes()]
+    until = time.monotonic() + STARTING
+    while len(_sockets(server, LISTENS)) < len(found):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    return found
+
+
+def connections(server: Server, worker: int) -> int:
+    """How many connections of clients one of its processes has."""
+    found, held = _sockets(server, ESTABLISHED), 0
+    for file in Path(f"/proc/{worker}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+            held += str(file.readlink()) in found
+    return held
+
+
+def _sockets(server: Server, state: str) -> set[str]:
+    """Those of its port that are in a state, as the system names them."""
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return {f"socket:[{line[9]}]" for line in lines if line[1].endswith(f":{server.port:04X}") and line[3] == state}
 
 
 def read_all(made: socket.socket) -> bytes:

@@ -30,8 +30,13 @@ class Bus:
         for queue in self._queues:
             _put(queue, (kind, said))
 
-    async def listen(self) -> AsyncIterator[News]:
+    async def listen(self, *before: News) -> AsyncIterator[News]:
         """Wait for news, until the server stops.
+
+        Parameters
+        ----------
+        *before
+            What this listener is told first.
 
         Yields
         ------
@@ -40,9 +45,11 @@ class Bus:
         """
         queue: asyncio.Queue[News | None] = asyncio.Queue(BEHIND)
         self._queues.add(queue)
+        for news in before:
+            _put(queue, news)
         try:
-            while not self._ended and (news := await queue.get()) is not None:
-                yield news
+            while not self._ended and (told := await queue.get()) is not None:
+                yield told
         finally:
             self._queues.discard(queue)
 

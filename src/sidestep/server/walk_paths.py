@@ -65,7 +65,8 @@ async def follow_walk(
 ) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change the plan, or a crowd forms ahead: server-sent events ``plan``."""
     served = town_of(request)
-    async for kind, _ in request.app.state.bus.listen():
+    # Crowds may have changed since the walk was decided last, when nobody listened.
+    async for kind, _ in request.app.state.bus.listen(("crowds", {})):
         if kind != "crowds":
             continue
         for turn in range(ASKED_AGAIN):
