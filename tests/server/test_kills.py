@@ -91,7 +91,7 @@ def kill_servers(
         begun = Event()
         with ThreadPoolExecutor(CONNECTIONS) as threads:
             posting = [threads.submit(counter.post, server, begun, refusals) for counter in counters]
-            assert begun.wait(5)  # it waits for nobody who was killed
+            assert begun.wait(30)  # it waits for nobody who was killed
             time.sleep(rng.choice([0.0, rng.uniform(0, 0.02), rng.uniform(0, 0.5)]))
             if crash:
                 crash()

@@ -77,10 +77,7 @@ def _nearest(
         try:
             return [snapper.nearest(latitude, longitude)]
         except TownError as error:
-            said = str(error)
-            if snapper.is_swapped(latitude, longitude):
-                said = f"{longitude:g},{latitude:g} is the latitude before the longitude; swap them"
-            raise ProblemError(400, said, field="coordinates", code="NoSegment") from error
+            raise ProblemError(400, str(error), field="coordinates", code="NoSegment") from error
     points = snapper.several(latitude, longitude, snapper.town.streets if bearing else number)
     found = [point for point in points if bearing is None or _leads(snapper, point, bearing)]
     if not found:
