@@ -79,6 +79,19 @@ def test_two_clicks_on_the_map_draw_a_route(opened, size):
     assert 1 < minutes < 60 < people
 
 
+def test_the_sheet_leaves_the_route_in_sight(opened):
+    view = opened("phone", reduced_motion="no-preference").open(ROUTE)
+    view.until(lambda: drawn(view, "routes"))
+    view.page.click("#tab-routes")  # which raises the sheet to half of the screen
+
+    def in_sight() -> bool:
+        free, boxes = view.get(FREE), [view.page.locator(f".pin-{end}").bounding_box() for end in ("from", "to")]
+        return all(free["top"] <= box["y"] and box["y"] + box["height"] <= free["bottom"] for box in boxes)
+
+    view.until(in_sight)
+    expect(view.page.locator("#panel")).to_have_attribute("data-sheet", "half")
+
+
 @BOTH
 def test_the_slider_changes_the_colours_of_streets(opened, size):
     view = opened(size).open("#at=Sat-04:00")
@@ -298,6 +311,7 @@ def test_a_route_with_the_keyboard_alone(opened):
     keyboard.press("ArrowDown")
     active = view.page.locator("#end-from").get_attribute("aria-activedescendant")
     expect(view.page.locator(f"#{active}")).to_have_attribute("aria-selected", "true")
+    view.until(lambda: {each["name"] for each in drawn(view, "found")} == {"Kaivokatu"})
     keyboard.press("Enter")
     expect(view.page.locator("#end-from")).to_have_value("Kaivokatu")
     tab_to(view, "end-to")
@@ -453,6 +467,6 @@ def test_crowds_that_know_no_times_have_none_to_choose(opened, serve, small, tmp
 def test_dark_is_chosen_and_remembered(opened):
     view = opened(color_scheme="light").open()
     view.page.click("#theme")
-    assert view.get("() => sidestep.map.getPaintProperty('paper', 'background-color')") == "#14181f"
+    assert view.get("() => sidestep.map.getPaintProperty('paper', 'background-color')") == "rgb(20, 24, 31)"
     view.page.reload()
     expect(view.page.locator("html")).to_have_attribute("data-theme", "dark")

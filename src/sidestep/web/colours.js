@@ -1,32 +1,4 @@
-// Colours of the map. Crowds: lightness falls (on dark paper rises) with the crowd, and lines get wider,
-// so that they can be told apart without seeing hues. Routes: blue and green with dashes of their own.
-
-const PALETTES = {
-  light: {
-    paper: "#f6f5f1",
-    crowds: ["#cbcfce", "#f0b54f", "#d3572b", "#7a1038"],
-    label: "#3f4650",
-    halo: "#f6f5f1",
-    routes: ["#1d4ed8", "#0f766e", "#7c3aed", "#334155", "#0369a1", "#4d7c0f"],
-    casing: "#ffffff",
-    reach: ["#0b5c8f", "#2f86b8", "#7bb6d6"],
-    reachText: ["#084469", "#0b5c8f", "#1f6f9f"],
-    sensor: "#0f766e",
-    walked: "#64748b",
-  },
-  dark: {
-    paper: "#14181f",
-    crowds: ["#3a4350", "#9a4f2c", "#f0883a", "#ffe9a8"],
-    label: "#c4ccd6",
-    halo: "#14181f",
-    routes: ["#6ea8ff", "#4fd1b8", "#c4a1ff", "#e2e8f0", "#5cc8f5", "#b5d96c"],
-    casing: "#0b0e13",
-    reach: ["#8fd0f5", "#4c9ccb", "#2a6a91"],
-    reachText: ["#c3e6fb", "#9bd4f6", "#7cc0ea"],
-    sensor: "#4fd1b8",
-    walked: "#8a97a8",
-  },
-};
+// Colours of the map, which style.css has, and the theme.
 
 export const DASHES = [
   [1, 0],
@@ -43,8 +15,29 @@ const listeners = [];
 /** "light" or "dark". */
 export const theme = () => document.documentElement.dataset.theme ?? (media.matches ? "dark" : "light");
 
-/** The colours of the theme. */
-export const palette = () => PALETTES[theme()];
+/** The colours of the theme, as the map takes them. */
+export function palette() {
+  const probe = document.createElement("i");
+  document.body.append(probe);
+  const colour = (name) => {
+    probe.style.color = `var(--${name})`;
+    return getComputedStyle(probe).color;
+  };
+  const several = (name, count) => Array.from({ length: count }, (_, turn) => colour(`${name}-${turn}`));
+  const found = {
+    paper: colour("paper"),
+    crowds: several("crowd", 4),
+    label: colour("label"),
+    routes: several("route", DASHES.length),
+    casing: colour("casing"),
+    reach: several("reach", 3),
+    reachText: several("reach-text", 3),
+    sensor: colour("good"),
+    walked: colour("walked"),
+  };
+  probe.remove();
+  return found;
+}
 
 /** Have a function called when the theme changes. */
 export const onTheme = (listener) => listeners.push(listener);

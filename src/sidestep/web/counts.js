@@ -2,7 +2,7 @@
 
 import { get, listen } from "./api.js";
 import { crowding, exact, onCrowds, refreshCrowds, shown } from "./crowds.js";
-import { byId, make, settled, toast } from "./dom.js";
+import { byId, coloured, make, settled, toast } from "./dom.js";
 import { flash, paint } from "./map.js";
 import { onChange, state } from "./state.js";
 import { now, setClock, setCounted } from "./time.js";
@@ -72,7 +72,7 @@ function showStreets() {
   byId("shares").replaceChildren(
     ...town.crowding.map(({ word }, turn) => {
       const share = (100 * metres[turn]) / all;
-      const bar = make("span", { class: `bar crowd-${turn}` });
+      const bar = coloured(make("span", { class: "bar" }), `crowd-${turn}`);
       bar.style.setProperty("--share", `${share}%`);
       return make(
         "li",

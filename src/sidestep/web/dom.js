@@ -23,6 +23,12 @@ export const make = (tag, attributes = {}, ...children) => filled(document.creat
 export const draw = (tag, attributes = {}, ...children) =>
   filled(document.createElementNS(SVG, tag), attributes, children);
 
+/** Something in a colour of the style sheet. */
+export function coloured(node, colour) {
+  node.style.setProperty("--colour", `var(--${colour})`);
+  return node;
+}
+
 /** An icon of one path. */
 export const icon = (path) => draw("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, draw("path", { d: path }));
 

@@ -34,8 +34,6 @@ const widths = (base) => {
   ];
 };
 
-const crowdColour = () => oneOf(CROWD, palette().crowds);
-
 const routeWidth = (more) => [
   "interpolate",
   ["exponential", 1.4],
@@ -45,7 +43,6 @@ const routeWidth = (more) => [
   16,
   ["+", ["case", ["get", "picked"], 7, 4.5], more],
 ];
-const routeColour = () => oneOf(STYLE, palette().routes);
 const dashes = oneOf(STYLE, literal(DASHES));
 
 /** The style of the map for some streets, and for what else is drawn by the name of its source. */
@@ -75,7 +72,7 @@ export function style(streets, data) {
         type: "line",
         source: "streets",
         layout: { "line-cap": "round", "line-join": "round" },
-        paint: { "line-color": crowdColour(), "line-width": widths(1.5) },
+        paint: { "line-color": oneOf(CROWD, colours.crowds), "line-width": widths(1.5) },
       },
       {
         id: "reach-line",
@@ -97,7 +94,7 @@ export function style(streets, data) {
         source: "routes",
         layout: { "line-cap": "butt", "line-join": "round", "line-sort-key": ["case", ["get", "picked"], 1, 0] },
         paint: {
-          "line-color": routeColour(),
+          "line-color": oneOf(STYLE, colours.routes),
           "line-width": routeWidth(0),
           "line-dasharray": dashes,
           "line-opacity": ["get", "opacity"],
@@ -163,7 +160,7 @@ export function style(streets, data) {
           "text-max-angle": 40,
           "symbol-sort-key": ["-", 0, ["get", "metres"]],
         },
-        paint: { "text-color": colours.label, "text-halo-color": colours.halo, "text-halo-width": 1.8 },
+        paint: { "text-color": colours.label, "text-halo-color": colours.paper, "text-halo-width": 1.8 },
       },
       {
         id: "reach-minutes",
@@ -173,22 +170,21 @@ export function style(streets, data) {
           "symbol-placement": "line",
           "symbol-spacing": 260,
           "text-field": ["concat", ["to-string", ["get", "minutes"]], " min"],
-          "text-font": ["system-ui bold"],
+          "text-font": ["system-ui"],
           "text-size": 12,
         },
         paint: {
           "text-color": oneOf(["get", "ring"], colours.reachText),
-          "text-halo-color": colours.halo,
+          "text-halo-color": colours.paper,
           "text-halo-width": 2,
         },
       },
-      { id: "sensors", type: "circle", source: "sensors", paint: sensorPaint() },
+      { id: "sensors", type: "circle", source: "sensors", paint: sensorPaint(colours) },
     ],
   };
 }
 
-function sensorPaint() {
-  const colours = palette();
+function sensorPaint(colours) {
   const counted = ["!=", ["get", "count"], null];
   return {
     "circle-radius": ["case", counted, ["min", 16, ["+", 4, ["*", 0.1, ["sqrt", ["max", 0, ["get", "count"]]]]]], 4.5],

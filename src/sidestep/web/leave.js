@@ -140,6 +140,7 @@ function show(found, first) {
   const rows = found.departures;
   const best = rows.find((row) => row.departure_minutes === found.best.departure_minutes) ?? rows[0];
   const worst = rows.reduce((one, other) => (other.p90_minutes > one.p90_minutes ? other : one));
+  const due = deadline(first);
   const saved = worst.p90_minutes - best.p90_minutes;
   const when = clock(leaving(first, best));
   byId("leave-found").replaceChildren(
@@ -151,6 +152,7 @@ function show(found, first) {
       saved >= 0.5
         ? ` Leaving at ${clock(leaving(first, worst))} would take up to ${round(saved)} min longer.`
         : " Other departures of this window take as long.",
+      due === null ? null : ` It arrives by ${asked(due)} in ${Math.round(100 * best.on_time)} % of the walks.`,
     ),
     chart(found, first),
     make(

@@ -74,8 +74,11 @@ function padding() {
   return space;
 }
 
-/** Show all of some coordinates. */
+let framed = []; // what is to be seen, until the reader moves the map
+
+/** Show all of some coordinates, as soon as there is a map. */
 export function frame(coordinates, { keep = false } = {}) {
+  framed = coordinates;
   if (!map || coordinates.length === 0) return;
   const bounds = coordinates.reduce(
     (found, point) => found.extend(point),
@@ -85,12 +88,22 @@ export function frame(coordinates, { keep = false } = {}) {
   map.fitBounds(bounds, { padding: padding(), maxZoom: 16.5, duration: calm() ? 0 : 600 });
 }
 
+/** See to it that what is to be seen is so, since there is another space for it. */
+export const frameAgain = () => frame(framed, { keep: true });
+
+const SLACK = 20; // px of the margins in which something is still seen well
+
 function inView(bounds) {
   const free = padding();
   const { width, height } = map.getCanvas().getBoundingClientRect();
   return [bounds.getSouthWest(), bounds.getNorthEast()].every((corner) => {
     const { x, y } = map.project(corner);
-    return x > free.left / 2 && x < width - free.right / 2 && y > free.top / 2 && y < height - free.bottom / 2;
+    return (
+      x > free.left - SLACK &&
+      x < width - free.right + SLACK &&
+      y > free.top - SLACK &&
+      y < height - free.bottom + SLACK
+    );
   });
 }
 
@@ -319,7 +332,9 @@ export async function startMap(facts, geometry, library) {
       "aria-label",
       `Map of the streets of ${town.name}, coloured by crowding; arrow keys move it, plus and minus zoom`,
     );
-  goTo(state.camera);
+  if (state.camera) goTo(state.camera);
+  else frame(framed);
+  map.on("movestart", ({ originalEvent }) => originalEvent && (framed = []));
   map.on("moveend", () => {
     const { lng, lat } = map.getCenter();
     change({ camera: { zoom: map.getZoom(), lat, lon: lng } });

@@ -1,7 +1,7 @@
 // How far one gets in 5, 10 and 15 minutes.
 
 import { get, lonLat } from "./api.js";
-import { byId, complain, make, settled } from "./dom.js";
+import { byId, coloured, complain, make, settled } from "./dom.js";
 import { frame, paint } from "./map.js";
 import { asked, onChange, state } from "./state.js";
 
@@ -29,7 +29,7 @@ function show(found) {
         make(
           "th",
           { scope: "row" },
-          make("span", { class: `swatch reach-${Math.max(0, MINUTES.indexOf(properties.minutes))}` }),
+          coloured(make("span", { class: "swatch" }), `reach-${Math.max(0, MINUTES.indexOf(properties.minutes))}`),
           `${properties.minutes} min`,
         ),
         make("td", { text: properties.kilometres?.toFixed(1) ?? "–" }),

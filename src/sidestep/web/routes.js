@@ -2,9 +2,9 @@
 
 import { lonLat, send } from "./api.js";
 import { areas, avoidChoice } from "./avoid.js";
-import { DASHES, palette, onTheme } from "./colours.js";
+import { DASHES } from "./colours.js";
 import { minutes, number, turnByTurn } from "./directions.js";
-import { byId, complain, draw, make, settled } from "./dom.js";
+import { byId, coloured, complain, draw, make, settled } from "./dom.js";
 import { frame, paint } from "./map.js";
 import { asked, change, deadline, onChange, state } from "./state.js";
 import { chosen as chosenTime, deadlineChoice } from "./time.js";
@@ -85,19 +85,9 @@ function paintRoutes() {
 function line(planner) {
   const turn = style(planner) % DASHES.length;
   const dash = DASHES[turn][1] === 0 ? null : DASHES[turn].map((length) => length * 3.5).join(" ");
-  return draw(
-    "svg",
-    { class: "line", viewBox: "0 0 30 10", "aria-hidden": "true" },
-    draw("line", {
-      x1: 1,
-      x2: 29,
-      y1: 5,
-      y2: 5,
-      stroke: palette().routes[turn],
-      "stroke-width": 3.5,
-      "stroke-dasharray": dash,
-    }),
-  );
+  const stroke = draw("line", { x1: 1, x2: 29, y1: 5, y2: 5, "stroke-width": 3.5, "stroke-dasharray": dash });
+  const svg = draw("svg", { class: "line", viewBox: "0 0 30 10", "aria-hidden": "true" }, stroke);
+  return coloured(svg, `route-${turn}`);
 }
 
 /** Least of a column, which is written bold. */
@@ -412,7 +402,6 @@ export function startRoutes(facts) {
     avoidChoice(),
     make("div", { id: "directions" }),
   );
-  onTheme(show);
   onChange((changed) => {
     if ([...ASKED, "planners"].some((name) => changed.has(name))) {
       show(); // what was found for another question goes at once

@@ -1,6 +1,7 @@
 // On narrow screens the panel is a sheet that rises from below: it shows its head, half of the screen, or nearly all.
 
-import { byId } from "./dom.js";
+import { byId, calm } from "./dom.js";
+import { frameAgain } from "./map.js";
 
 const STOPS = ["low", "half", "high"];
 
@@ -13,8 +14,10 @@ export function startSheet() {
     document.documentElement.dataset.sheet = stop;
     handle.setAttribute("aria-expanded", String(stop !== "low"));
     byId("sheet-says").textContent = stop === "high" ? "Show less" : "Show more";
+    if (calm()) frameAgain(); // nothing moves whose end could be waited for
   };
   set("low");
+  panel.addEventListener("transitionend", (event) => event.target === panel && frameAgain());
   let drag = null;
   handle.addEventListener("pointerdown", (event) => {
     drag = { y: event.clientY, stop: STOPS.indexOf(panel.dataset.sheet), moved: false };

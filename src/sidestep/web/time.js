@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { fetchAhead, fetchDay, onCrowds, shapeOfDay } from "./crowds.js";
-import { byId, calm, draw, make, settled } from "./dom.js";
+import { byId, calm, coloured, draw, make, settled } from "./dom.js";
 import { change, clock, dayName, DAYS, deadline, onChange, state, WEEK } from "./state.js";
 
 const STEP = 15;
@@ -148,7 +148,7 @@ export async function startTime(town) {
     return make(
       "li",
       {},
-      make("span", { class: `swatch crowd-${turn}` }),
+      coloured(make("span", { class: "swatch" }), `crowd-${turn}`),
       make("b", { text: each.word }),
       make("span", { class: "range", text: ` ${range}${turn === town.crowding.length - 1 ? " persons/m²" : ""}` }),
     );
