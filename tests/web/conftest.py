@@ -129,7 +129,7 @@ def _serve(scenario: str | Path, folder: Path, port: int = 0) -> Iterator[Server
     running.streets = running.ask("/town")["streets"]
     yield running
     process.terminate()
-    process.wait(30)
+    process.wait(120)  # what it compiles it ends
     reading.join(10)
     process.stderr.close()
 

@@ -94,6 +94,7 @@ const find = settled(120, async () => {
 
 /** Begin. */
 export function startReach() {
+  if (state.camera && state.from) framed = lonLat(state.from); // the link says what is seen
   byId("panel-reach").append(
     make("p", {
       class: "lead",

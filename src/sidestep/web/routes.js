@@ -248,7 +248,7 @@ function frameRoutes() {
   if (asking || framed === ends()) return;
   frame(
     rows().flatMap(({ route }) => route.geometry.coordinates),
-    { keep: framed !== "" || state.camera !== null },
+    { keep: framed !== "" },
   );
   framed = ends();
 }
@@ -335,6 +335,7 @@ function choice(id, label, options, name) {
 /** Begin. */
 export function startRoutes(facts) {
   town = facts;
+  if (state.camera) framed = ends(); // the link says what is seen
   const order = [...Object.keys(SAYS), ...Object.keys(OTHERS)];
   planners = [
     ...order.filter((planner) => town.planners.includes(planner)),
