@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Depends, Header, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from sidestep.planners.registry import BASELINE
@@ -117,14 +117,9 @@ async def crowds(request: Request, at: Time = None, *, geometry: Geometry = True
 
 
 @router.get("/streets", response_class=GeoJsonResponse, responses=shapes.STREETS)
-async def streets(request: Request, if_none_match: Annotated[str | None, Header()] = None) -> Response:
+async def streets(request: Request) -> Response:
     """All streets, as GeoJSON; they stay as they are until another scenario is served."""
-    content, tag = town_of(request).streets_json
-    # Browsers ask each time whether they are still the same: the next server at this address may have another town.
-    headers = {"etag": tag, "cache-control": "no-cache"}
-    if tag in (if_none_match or ""):
-        return Response(status_code=304, headers=headers)
-    return Response(content, headers=headers, media_type="application/geo+json")
+    return town_of(request).streets_document.answer(request)
 
 
 @router.get("/search", responses=shapes.FOUND)

@@ -1,7 +1,6 @@
 """The town that is served: routers, the clock, and the crowds as they are known now."""
 
 import asyncio
-import hashlib
 import math
 from collections.abc import Callable
 from datetime import datetime
@@ -30,8 +29,10 @@ from sidestep.scenarios.walkers import WALKERS
 from sidestep.server.clock import ServerClock
 from sidestep.server.counting import Counting
 from sidestep.server.desk import Desk
+from sidestep.server.documents import Document
 from sidestep.server.effort import futures_of
 from sidestep.server.hints import Hinter
+from sidestep.server.problems import GeoJsonResponse
 from sidestep.server.settings import Settings
 from sidestep.server.store import Store
 from sidestep.server.variants import Variants
@@ -96,6 +97,7 @@ class ServedTown:
 
     def warm(self) -> None:
         """Answer a question of each common kind, so that the first one of a client finds programs compiled."""
+        assert self.streets_document.zipped  # noqa: S101 - made here, where nobody waits for it
         self.quick.crowds(self.departs(None))
         longitude, latitude = self.town.place[0].tolist()
         self.quick.matrix([0], [self.quick.snapper.nearest(latitude, longitude)], self.departs(None))
@@ -224,10 +226,9 @@ class ServedTown:
         return {"type": "FeatureCollection", "attribution": town.attribution, "features": features}
 
     @cached_property
-    def streets_json(self) -> tuple[bytes, str]:
-        """The same as text, and its entity tag."""
-        text = to_json(self.streets)
-        return text, f'"{hashlib.sha256(text).hexdigest()[:16]}"'
+    def streets_document(self) -> Document:
+        """The same as text."""
+        return Document(to_json(self.streets), GeoJsonResponse.media_type)
 
     @cached_property
     def facts(self) -> dict[str, Any]:

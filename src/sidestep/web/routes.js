@@ -1,6 +1,6 @@
 // Routes of several planners beside each other, and other ways of the one that searches by expected times.
 
-import { lonLat, send } from "./api.js";
+import { get, lonLat, send } from "./api.js";
 import { areas, avoidChoice } from "./avoid.js";
 import { DASHES } from "./colours.js";
 import { minutes, number, turnByTurn } from "./directions.js";
@@ -20,7 +20,6 @@ const SAYS = {
 };
 const OTHERS = {
   "greedy-local": "sees one crossing",
-  "lrta-star": "learns on the way",
   "random-progress": "fewest streets, any",
   "random-walk": "anywhere",
 };
@@ -253,14 +252,23 @@ function frameRoutes() {
   framed = ends();
 }
 
+/** Areas to avoid go in a body only; what proxies may refuse is not sent without need. */
+const asRoute = (coordinates, options, signal) =>
+  areas() === undefined
+    ? get(`route/v1/foot/${coordinates}`, options, signal)
+    : send(
+        "POST",
+        "route/v1/foot",
+        { ...options, avoid: areas(), coordinates: coordinates.split(";").map((each) => each.split(",").map(Number)) },
+        signal,
+      );
+
 async function ask(planner, signal) {
   const what = { question: question(), ends: ends() };
   const due = deadline(chosenTime());
-  const body = {
-    coordinates: [state.from, state.to].map(({ lon, lat }) => [lon, lat]),
+  const options = {
     depart_at: asked(due === null ? state.at : chosenTime()) ?? undefined,
     arrive_by: asked(due) ?? undefined,
-    avoid: areas(),
     walker: state.walker || undefined,
     objective: state.objective || undefined,
     planner,
@@ -269,7 +277,7 @@ async function ask(planner, signal) {
     steps: true,
   };
   const route = async (more) => {
-    const { routes } = await send("POST", "route/v1/foot", { ...body, ...more }, signal);
+    const { routes } = await asRoute(what.ends, { ...options, ...more }, signal);
     found.set(planner, { ...what, asking: false, routes, error: null });
     complain(`route ${planner}`, null);
     show();
