@@ -43,7 +43,7 @@ class Server:
             return read_all(made)
 
     def request(self, method: str, path: str, **more: object) -> httpx.Response:
-        return httpx.request(method, f"{self.url}{path}", timeout=60, **more)
+        return httpx.request(method, f"{self.url}{path}", timeout=120, **more)
 
     def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
         self.process.send_signal(number)
