@@ -202,6 +202,17 @@ def test_every_planner_of_the_document_is_a_name(served) -> None:
     assert all('"pattern"' in json.dumps(each) for each in found)
 
 
+def test_schemas_lead_nowhere_else(served: httpx.Client) -> None:
+    assert "#/$defs/" not in served.get("/openapi.json").text
+
+
+@pytest.mark.parametrize("name", ["depart_at", "steps", "alternatives"])
+def test_parameters_given_twice(served: httpx.Client, name: str) -> None:
+    answer = served.get(f"{ROUTE}?{name}=1&{name}=1")
+    assert answer.status_code == 400
+    assert answer.json()["message"] == f"{name} is given twice"
+
+
 def _members(value: object, name: str) -> list[dict]:
     if isinstance(value, list):
         return [found for each in value for found in _members(each, name)]

@@ -118,13 +118,55 @@ def test_routes_of_all_kinds_go_on_from_counts(client: httpx.Client, post) -> No
     post(long(USUAL))
 
 
-def test_times_without_a_day_are_of_today(client: httpx.Client) -> None:
-    today = client.get("/clock").json()["now"][:10]
-    (route,) = client.get(f"{ROUTE}&depart_at=17:30").json()["routes"]
-    assert route["departure"] == f"{today}T17:30:00"
-    (route,) = client.get(f"{ROUTE}&arrive_by=17:30&futures=20").json()["routes"]
-    assert route["departure"].startswith(f"{today}T17:")
-    assert client.get(f"{ROUTE}&depart_at=Tue 17:30").json()["routes"][0]["departs"] == "Tuesday 17:30"
+@pytest.mark.parametrize(
+    ("asked", "departure"),
+    [
+        ("depart_at=17:30", "2024-06-01T17:30:00"),
+        ("depart_at=2024-06-05T17:30", "2024-06-05T17:30:00"),
+        ("arrive_by=17:30&futures=20", "2024-06-01T17:2"),
+        ("arrive_by=00:10&futures=20", "2024-06-02T00:0"),  # of the two of a day the one to come
+        ("depart_at=23:30&arrive_by=00:10&futures=20", "2024-06-02T00:0"),
+        ("depart_at=2024-06-05T12:00&arrive_by=14:00&futures=20", "2024-06-05T13:5"),
+    ],
+)
+def test_times_without_a_day(client: httpx.Client, asked: str, departure: str) -> None:
+    answer = client.get(f"{ROUTE}&{asked}")
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["routes"][0]["departure"].startswith(departure)
+
+
+@pytest.mark.parametrize(
+    ("asked", "departs"),
+    [
+        ("depart_at=Tue 17:30", "Tuesday 17:30"),
+        ("depart_at=Sat 12:00&arrive_by=14:00&futures=20", "Saturday 13:5"),
+        ("depart_at=Sat 23:30&arrive_by=00:10&futures=20", "Sunday 00:0"),
+    ],
+)
+def test_times_of_a_week(client: httpx.Client, asked: str, departs: str) -> None:
+    answer = client.get(f"{ROUTE}&{asked}")
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["routes"][0]["departs"].startswith(departs)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "depart_at=23:30&until=00:30",
+        "depart_at=Sat 12:00&until=14:00",
+        "depart_at=2024-12-05T12:00&until=14:00",
+        "depart_at=Sat 12:00&until=Sat 13:00&arrive_by=12:30",
+        "depart_at=23:30&until=00:30&arrive_by=00:15",
+    ],
+)
+def test_windows_end_after_they_begin(client: httpx.Client, asked: str) -> None:
+    ends = f"origin={WEST[0]},{WEST[1]}&destination={EAST[0]},{EAST[1]}"
+    answer = client.get(f"/when?{ends}&{asked}&step=15&futures=20")
+    assert answer.status_code == 200, answer.text
+    rows = answer.json()["departures"]
+    assert len(rows) in (5, 9)
+    if "arrive_by" in asked:
+        assert (rows[0]["on_time"], rows[-1]["on_time"]) == (1.0, 0.0)
 
 
 def test_what_sensors_counted(client: httpx.Client, post) -> None:
@@ -260,6 +302,29 @@ def test_counts_change_the_plans_of_walks(client: httpx.Client, post) -> None:
     assert anew["expires"] == said["expires"]
     assert under_way.decide_anew(served, said["id"])[0] == 1  # told once
     post(long(USUAL))
+
+
+@pytest.mark.parametrize(("departs", "reported"), [("Thu 17:30", "Thu 17:32"), ("2024-05-28T17:30", "17:32")])
+def test_walks_in_a_time_of_their_own_stay_in_it(client: httpx.Client, post, departs: str, reported: str) -> None:
+    post(long(USUAL))
+    said, served = begun(client, depart_at=departs), client.app.state.town
+    assert under_way.heard(served, said["id"]) == (0, False)
+    post(long(MANY))
+    assert under_way.heard(served, said["id"]) == (0, True)
+    assert under_way.decide_anew(served, said["id"]) == (0, said)  # nobody knows of these counts then
+    assert under_way.heard(served, said["id"]) == (0, False)
+    post(long(USUAL))
+    report = {"location": at(60, 0), "time": reported}
+    assert client.post(f"/walks/{said['id']}/position", json=report).status_code == 200
+
+
+def test_reports_after_midnight(client: httpx.Client) -> None:
+    said = begun(client, depart_at="23:58")
+    for when, metres in (("23:59", 60), ("00:01", 200), ("2024-06-02T00:02", 250)):
+        report = {"location": at(metres, 0), "time": when}
+        answer = client.post(f"/walks/{said['id']}/position", json=report)
+        assert answer.status_code == 200, answer.text
+    assert answer.json()["arrival"].startswith("2024-06-02T00:0")
 
 
 def test_counts_after_the_last_report_change_plans_too(client: httpx.Client, post) -> None:

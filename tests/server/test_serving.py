@@ -17,6 +17,8 @@ import httpx
 import pytest
 
 from sidestep.cli import app as cli
+from sidestep.errors import SidestepError
+from sidestep.server import run
 from sidestep.server.settings import KEY_VARIABLE
 
 from .conftest import ENDS
@@ -380,6 +382,16 @@ def test_scenarios_that_cannot_be_served(refused, scenario: str) -> None:
 def test_ports_in_use(refused) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert "port" in refused("--port", str(taken.getsockname()[1]))
+
+
+def test_ports_are_kept_while_a_server_starts() -> None:
+    with run._listen("127.0.0.1", 0) as first:
+        port = first.getsockname()[1]
+        with pytest.raises(SidestepError) as raised:
+            run._listen("127.0.0.1", port)
+        assert raised.value.field == "port"
+    with run._reserved("127.0.0.1", port), pytest.raises(SidestepError):  # its processes do not listen yet
+        run._listen("127.0.0.1", port)
 
 
 def test_short_keys(refused, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -2,10 +2,11 @@
 
 import math
 import operator
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from typing import NoReturn
 
@@ -101,17 +102,19 @@ class LiveCounts:
         LatestCounts or None
             None where no sensor is known any more.
         """
-        return self._latest(tuple(sensors), departure, departure.fold)
+        known, key = self._latest, (tuple(sensors), departure, departure.fold)  # times of a fold are equal
+        with suppress(KeyError):
+            return known[key]
+        if len(known) >= DEPARTURES:
+            known.clear()
+        zone = UTC if self.timezone is None else timezone_of(self.timezone)
+        known[key] = found = latest(self.counts, sensors, departure.replace(tzinfo=zone), self.timezone)
+        return found
 
     @cached_property
-    def _latest(self) -> Callable[[tuple[str, ...], datetime, int], LatestCounts | None]:
-        """Worked out once for each departure, since many set out in the same minute; times of a fold are equal."""
-        zone = UTC if self.timezone is None else timezone_of(self.timezone)
-        return lru_cache(DEPARTURES)(
-            lambda sensors, departure, _fold: latest(
-                self.counts, sensors, departure.replace(tzinfo=zone), self.timezone
-            )
-        )
+    def _latest(self) -> dict[tuple[tuple[str, ...], datetime, int], LatestCounts | None]:
+        """Each departure's, since many set out in the same minute."""
+        return {}
 
     def lasts(self, sensors: Sequence[str], departure: datetime) -> float:
         """How long departures from a local time on know of any count.

@@ -125,6 +125,7 @@ class Router:
         """Another router through the same place, with the same model.
 
         An objective changes neither streets nor crowds: with another one, all that was loaded and worked out is shared.
+        Then let this router go on from counts, not the other.
 
         Parameters
         ----------

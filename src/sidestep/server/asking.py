@@ -77,12 +77,20 @@ def query_of(request: Request, model: type[M]) -> M:
 
     Raises
     ------
+    ProblemError
+        Parameters that are given twice.
     RequestValidationError
-        Anything that the model does not allow.
+        Anything else that the model does not allow.
     """
     query = request.query_params
     given = {name: values if len(values := query.getlist(name)) > 1 else values[0] for name in query}
-    return _valid(model.model_validate, given)
+    try:
+        return _valid(model.model_validate, given)
+    except RequestValidationError as error:  # several are fine where there may be a list of them
+        faults = {each["loc"][0] for each in error.errors()}
+        if (twice := next((name for name in faults if isinstance(given.get(name), list)), None)) is not None:
+            raise ProblemError(400, f"{twice} is given twice", field=twice, code="InvalidQuery") from error
+        raise
 
 
 async def body_of(request: Request, model: type[M]) -> M:
@@ -126,7 +134,20 @@ def asks(model: type[BaseModel]) -> dict[str, Any]:
 
 def takes(model: type[BaseModel]) -> dict[str, Any]:
     """What the OpenAPI document says of a body that is read here."""
-    return {"requestBody": {"required": True, "content": {"application/json": {"schema": model.model_json_schema()}}}}
+    schema = model.model_json_schema()
+    schema = _inlined(schema, schema.pop("$defs", {}))
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
+
+
+def _inlined(schema: Any, definitions: dict[str, Any]) -> Any:
+    """A JSON schema without references: in the OpenAPI document these would lead elsewhere."""
+    if isinstance(schema, list):
+        return [_inlined(each, definitions) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if "$ref" in schema:
+        return _inlined(definitions[schema["$ref"].rpartition("/")[2]], definitions)
+    return {name: _inlined(each, definitions) for name, each in schema.items()}
 
 
 def place_of(field: str, text: str) -> tuple[float, float]:

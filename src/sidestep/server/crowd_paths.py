@@ -9,6 +9,7 @@ from starlette.responses import Response
 from sidestep.planners.registry import BASELINE
 from sidestep.routing.departures import MOST_DEPARTURES
 from sidestep.routing.directions import crowding_word
+from sidestep.routing.request import read_departure
 from sidestep.server import shapes
 from sidestep.server.asking import (
     Futures,
@@ -77,15 +78,16 @@ async def when(
 
     def answer() -> dict[str, Any]:
         number = served.futures(planner, futures)
+        depart = served.asked("depart_at", depart_at)
         most = min(MOST_DEPARTURES, most_walks(served.planner_name(planner), number))
         return (
             served.variants.router(walker, objective)
             .when(
                 *ends,
-                depart=served.asked("depart_at", depart_at),
-                until=served.time("until", until),
+                depart=depart,
+                until=read_departure(until, "until"),
                 step=step,
-                arrive_by=served.time("arrive_by", arrive_by),
+                arrive_by=served.deadline(arrive_by, depart),
                 planner=planner,
                 futures=number,
                 most=most,

@@ -255,8 +255,8 @@ def _planned_walks(
         raise ProblemError(400, said, field="coordinates", code="NotImplemented")
     router = served.variants.router(options.walker, options.objective)
     origin, destination = (point.place for point in points)
-    deadline = served.time("arrive_by", options.arrive_by)
-    depart = served.asked("depart_at", options.depart_at) if deadline is None or options.depart_at else None
+    depart = served.asked("depart_at", options.depart_at) if options.arrive_by is None or options.depart_at else None
+    deadline = served.deadline(options.arrive_by, depart)
     if deadline is None:
         futures = served.futures(options.planner, options.futures or FEW_FUTURES)
     else:

@@ -7,6 +7,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -27,8 +28,6 @@ METRICS_VARIABLE = "PROMETHEUS_MULTIPROC_DIR"
 NOT_STARTED = "the server did not start; its log above says why"
 SPREADS = sys.platform == "linux"
 """Whether the system spreads connections over several sockets of one address."""
-START = 60.0
-"""Seconds that the first of several processes has to start."""
 STOPPING = 10
 """Seconds that requests under way have to end after Ctrl-C or SIGTERM."""
 
@@ -54,21 +53,26 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
         After SIGTERM, with status 0.
     """
     key = settings.key()
-    with _bind(settings.host, port) as bound:
-        town = ServedTown(settings)  # first, since most of what can be wrong is found here
+    with _listen(settings.host, port) as listening:
         shown = f"[{settings.host}]" if ":" in settings.host else settings.host
-        address = f"Serving {settings.scenario} at http://{shown}:{bound.getsockname()[1]}/ (stop with Ctrl-C)"
+        address = f"Serving {settings.scenario} at http://{shown}:{listening.getsockname()[1]}/ (stop with Ctrl-C)"
         if settings.workers == 1:
-            bound.listen()
+            app = make_app(settings, _loaded(settings))
             said(address)
-            _run(_config(settings, make_app(settings, town), as_json=as_json), bound)
+            _run(_config(settings, app, as_json=as_json), listening)
         else:
-            town.close()  # each process has its own
+            _loaded(settings).close()  # each process has its own
             os.environ[SETTINGS_VARIABLE] = settings.model_dump_json()
             if key is not None:
                 os.environ[KEY_VARIABLE] = key  # never on a command line
             config = _config(settings, "sidestep.server.app:make_app", as_json=as_json)
-            _run_workers(config, bound, lambda: said(address))
+            _run_workers(config, listening, lambda: said(address))
+
+
+def _loaded(settings: Settings) -> ServedTown:
+    """The town, loaded before anything is printed, since most of what can be wrong is found then."""
+    # In a thread: JAX swallows a Ctrl-C that comes while it is called back in the main one.
+    return ThreadPoolExecutor(1).submit(ServedTown, settings).result()
 
 
 def _config(settings: Settings, app: FastAPI | str, *, as_json: bool) -> uvicorn.Config:
@@ -106,10 +110,10 @@ def _run(config: uvicorn.Config, listening: socket.socket) -> None:
         raise
 
 
-def _run_workers(config: uvicorn.Config, bound: socket.socket, ready: Callable[[], None]) -> None:
+def _run_workers(config: uvicorn.Config, listening: socket.socket, ready: Callable[[], None]) -> None:
     with tempfile.TemporaryDirectory(prefix="sidestep-metrics-", ignore_cleanup_errors=True) as folder:
         os.environ[METRICS_VARIABLE] = folder
-        workers = _Workers(config, bound, ready)
+        workers = _Workers(config, listening, ready)
         workers.run()
     if any(each.exitcode == STARTUP_FAILURE for each in workers.processes):
         raise SidestepError(NOT_STARTED, field="serve")
@@ -122,19 +126,25 @@ class _Workers(Multiprocess):
 
     interrupted = False
 
-    def __init__(self, config: uvicorn.Config, bound: socket.socket, ready: Callable[[], None]) -> None:
-        self._ready = ready
+    def __init__(self, config: uvicorn.Config, listening: socket.socket, ready: Callable[[], None]) -> None:
+        self._ready: Callable[[], None] | None = ready
         if SPREADS:
-            host, port = bound.getsockname()[:2]
-            bound.close()
-            self._reserved = _bind(host, port, share=True)  # listens to nobody, and nobody else gets the port
-            bound = cast("socket.socket", _OwnSocket(host, port))
-        super().__init__(config, [bound])
+            host, port = listening.getsockname()[:2]
+            listening.close()
+            self._reserved = _reserved(host, port)
+            listening = cast("socket.socket", _OwnSocket(host, port))
+        super().__init__(config, [listening])
 
     def init_processes(self) -> None:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they inherit it; until they are told how to stop
         super().init_processes()
-        if self.processes[0].wait_until_ready(START):
+        signal.signal(signal.SIGINT, before)
+
+    def keep_subprocess_alive(self) -> None:
+        super().keep_subprocess_alive()
+        if self._ready is not None and any(each.is_ready() for each in self.processes):
             self._ready()
+            self._ready = None
 
     def handle_int(self) -> None:
         super().handle_int()
@@ -154,21 +164,44 @@ class _OwnSocket(NamedTuple):
         return partial(_bind, share=True), (self.host, self.port)
 
 
-def _bind(host: str, port: int, *, share: bool = False) -> socket.socket:
+def _listen(host: str, port: int) -> socket.socket:
+    """A socket that listens at an address, which nobody else has."""
+    found = _bind(host, port)
+    try:
+        found.listen()
+    except OSError as error:
+        found.close()
+        raise _taken(host, port, error) from error
+    return found
+
+
+def _reserved(host: str, port: int) -> socket.socket:
+    """A socket that keeps an address for those that share it, and listens to nobody."""
+    try:
+        return _bind(host, port, share=True, reuse=False)
+    except SidestepError:  # connections of an earlier server are ending, and anybody may have the address meanwhile
+        return _bind(host, port, share=True)
+
+
+def _bind(host: str, port: int, *, share: bool = False, reuse: bool = True) -> socket.socket:
     """A socket at an address, which others may have as well that ``share`` it."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     found = socket.socket(family, socket.SOCK_STREAM)
-    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, reuse)
     if share:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
     try:
         found.bind((host, port))
     except (OSError, ValueError) as error:  # ValueError: what cannot be a name at all
         found.close()
-        said = f"cannot listen on {host!r:.80}, port {port}: {getattr(error, 'strerror', None) or 'it is no address'}"
-        raise SidestepError(f"{said}; choose another --port or --host", field="port") from error
+        raise _taken(host, port, error) from error
     found.setblocking(False)
     return found
+
+
+def _taken(host: str, port: int, error: Exception) -> SidestepError:
+    said = f"cannot listen on {host!r:.80}, port {port}: {getattr(error, 'strerror', None) or 'it is no address'}"
+    return SidestepError(f"{said}; choose another --port or --host", field="port")
 
 
 def log_config(*, as_json: bool) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 import asyncio
 import math
 from collections.abc import Callable
-from datetime import datetime
+from dataclasses import replace
+from datetime import datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,6 +14,7 @@ from pydantic_core import to_json
 
 from sidestep import __version__
 from sidestep.crowds.live import LONGEST, LiveCount, LiveCounts
+from sidestep.crowds.wall_time import local_time
 from sidestep.errors import SidestepError
 from sidestep.network.names import StreetNames
 from sidestep.planners.registry import BASELINE, planner_infos
@@ -155,7 +157,7 @@ class ServedTown:
         with at_fault(field):
             if given is None:
                 return router.clock(self._now() if router.flow.timed else None)
-            return router.clock(self.time(field, given))
+            return router.clock(self._of_today(read_departure(given)))
 
     def _now(self) -> datetime:
         """Now, with an offset where the town has a timezone: of an hour that its clocks show twice only that tells."""
@@ -182,15 +184,17 @@ class ServedTown:
         if given is None:
             # Minute by minute, what is expected is kept.
             return self._now().replace(second=0, microsecond=0) if self.router.flow.timed else None
-        return self.time(field, given)
+        return self._of_today(read_departure(given, field))
 
-    def time(self, field: str, given: str | None) -> Departure | None:
-        """Read a local time; one without a day is of today.
+    def deadline(self, given: str | None, depart: Departure | None) -> Departure | None:
+        """Read a time to be there; one without a day is the next after the departure.
 
         Parameters
         ----------
-        field, given
-            The parameter, and its text.
+        given
+            Its text.
+        depart
+            The departure; None: now.
 
         Returns
         -------
@@ -200,12 +204,22 @@ class ServedTown:
         Raises
         ------
         RouteError
-            What is no local time (with the field).
+            What is no local time (field ``arrive_by``).
         """
-        found = read_departure(given, field)
-        if isinstance(found, TimeOfWeek) and found.day is None and self.router.flow.timed:
-            return datetime.combine(self.clock.wall, found.time)
-        return found
+        found = read_departure(given, "arrive_by")
+        if not (isinstance(found, TimeOfWeek) and found.day is None and self.router.flow.timed):
+            return found
+        if isinstance(depart, TimeOfWeek):
+            return replace(found, day=None if depart.day is None else (depart.day + (found.time < depart.time)) % 7)
+        after = local_time(depart, self.venue.timezone) if isinstance(depart, datetime) else self.clock.wall
+        there = datetime.combine(after, found.time)
+        return there if there >= after.replace(tzinfo=None) else there + timedelta(days=1)
+
+    def _of_today(self, given: Departure | None) -> Departure | None:
+        """A time; one without a day is of today."""
+        if isinstance(given, TimeOfWeek) and given.day is None and self.router.flow.timed:
+            return datetime.combine(self.clock.wall, given.time)
+        return given
 
     @cached_property
     def streets(self) -> dict[str, Any]:
@@ -259,7 +273,7 @@ class ServedTown:
         """Read a local time to the second, as :meth:`asked`."""
         if given is None:
             return self._now() if self.router.flow.timed else None
-        return self.asked(field, given)
+        return read_departure(given, field)
 
     def futures(self, planner: str | None, asked: int, times: int = 1) -> int:
         """Find out how many futures are simulated, as :func:`~sidestep.server.effort.futures_of`."""

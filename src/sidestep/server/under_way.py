@@ -103,11 +103,20 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
         planner=asked.planner,
         futures=served.futures(asked.planner, asked.futures or FEW),
     )
+    version, own_time = served.counting.version, _is_own_time(served, request.depart)
     walk, decision = walks.begin(served.variants.router(asked.walker, asked.objective), request)
     walk_id = secrets.token_hex(16)
     expires = datetime.now(UTC) + LONGEST_WALK
-    begun = {"walker": asked.walker, "objective": asked.objective, "news": 0, "reported": None, "decided": None}
-    state = begun | _state(served, walk_id, walk, decision, expires)
+    state = {
+        "walker": asked.walker,
+        "objective": asked.objective,
+        "own_time": own_time,
+        "version": version,
+        "news": 0,
+        "reported": None,
+        "decided": None,
+        **_state(served, walk_id, walk, decision, expires),
+    }
     served.store.put_walk(walk_id, state, expires)
     found: dict[str, Any] = state["said"]
     return found
@@ -139,6 +148,7 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
     ahead = [Ahead(bearing=each.bearing, density=each.density) for each in position.ahead]
 
     def go(state: dict[str, Any]) -> dict[str, Any]:
+        version = served.counting.version
         walk, router = _walk(served, state)
         # What was reported before counts changed the plan, but comes after, is as of then.
         late = _later(served, asked, state["reported"]) != asked
@@ -146,7 +156,11 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
         place, when = position.location[::-1], 0.0 if time is None else time
         walk, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
         expires = datetime.now(UTC) + LONGEST_WALK
-        return {"reported": _wall(served, asked), **_state(served, walk_id, walk, decision, expires)}
+        return {
+            "reported": _wall(served, asked),
+            "version": version,
+            **_state(served, walk_id, walk, decision, expires),
+        }
 
     said: dict[str, Any] = _changed(served, walk_id, go)["said"]
     return said
@@ -172,10 +186,11 @@ def decide_anew(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
     """
 
     def anew(state: dict[str, Any]) -> dict[str, Any]:
+        version = served.counting.version
         walk, router = _walk(served, state)
         if walk.arrived:
             return {}
-        now = served.exactly("time", None)
+        now = None if state["own_time"] else served.exactly("time", None)
         if isinstance(now, datetime) and state["reported"] is not None:
             now = _later(served, now, state["reported"])
         try:
@@ -183,21 +198,27 @@ def decide_anew(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
         except RouteError as error:
             if error.field != "time":
                 raise
-            # The walk is in a time of its own, such as one of a picture that is played.
+            # Another time is simulated than when the walk began.
             now, (walk, decision) = None, walks.replan(router, walk)
         found = _state(served, walk_id, walk, decision, datetime.fromisoformat(state["said"]["expires"]))
         if not decision.changed and (found["crowd"] is None or found["crowd"] == state["crowd"]):
-            return {"crowd": found["crowd"]}
-        return {**found, "news": state["news"] + 1, "decided": _wall(served, now)}
+            return {"crowd": found["crowd"], "version": version}
+        return {**found, "news": state["news"] + 1, "decided": _wall(served, now), "version": version}
 
     state = _changed(served, walk_id, anew)
     return state["news"], state["said"]
 
 
-def tell(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
-    """What was told last of a walk, and how often counts have changed it; ProblemError (404) where it is not known."""
+def tell(served: ServedTown, walk_id: str) -> dict[str, Any]:
+    """What was told last of a walk; ProblemError (404) where it is not known."""
+    said: dict[str, Any] = _found(served, walk_id)["said"]
+    return said
+
+
+def heard(served: ServedTown, walk_id: str) -> tuple[int, bool]:
+    """How often counts have changed a walk, and whether there are others since it was decided last; as :func:`tell`."""
     state = _found(served, walk_id)
-    return state["news"], state["said"]
+    return state["news"], state["version"] != served.counting.version
 
 
 def _found(served: ServedTown, walk_id: str) -> dict[str, Any]:
@@ -229,6 +250,14 @@ def _state(
     crowd = decision.crowd_ahead
     said = {"id": walk_id, **_said(served, decision, crowd), "expires": _seconds(expires)}
     return {"walk": walk.to_json(), "crowd": None if crowd is None else crowd.leg.street, "said": said}
+
+
+def _is_own_time(served: ServedTown, depart: Departure | None) -> bool:
+    """Whether a walk is in a time of its own, such as one that is played on a map: crowds of now do not move it."""
+    now, then = _wall(served, served.exactly("time", None)), _wall(served, depart)
+    if now is None or depart is None:
+        return False
+    return then is None or abs(datetime.fromisoformat(now) - datetime.fromisoformat(then)) > LONGEST_WALK
 
 
 def _later(served: ServedTown, time: Departure | None, other: str | None) -> Departure | None:

@@ -32,8 +32,7 @@ async def begin_walk(request: Request) -> Response:
 async def get_walk(request: Request, walk_id: WalkId) -> Response:
     """What the walker was told last."""
     served = town_of(request)
-    _, said = await served.stored(lambda: under_way.tell(served, walk_id))
-    return JsonResponse(said)
+    return JsonResponse(await served.stored(lambda: under_way.tell(served, walk_id)))
 
 
 @router.post("/{walk_id}/position", openapi_extra=takes(Position), responses=shapes.WALK)
@@ -52,21 +51,20 @@ async def delete_walk(request: Request, walk_id: WalkId) -> Response:
     return Response(status_code=204)
 
 
-async def told(request: Request, walk_id: WalkId) -> int:
-    """How often counts have changed a walk so far; those who listen are told from then on."""
+async def heard(request: Request, walk_id: WalkId) -> tuple[int, bool]:
+    """How often counts have changed a walk so far, of which those who listen are told, and whether others have come."""
     served = town_of(request)
-    news, _ = await served.stored(lambda: under_way.tell(served, walk_id))
-    return news
+    return await served.stored(lambda: under_way.heard(served, walk_id))
 
 
 @router.get("/{walk_id}/events", dependencies=[Depends(room_to_listen)], response_class=EventSourceResponse)
 async def follow_walk(
-    request: Request, walk_id: WalkId, news: Annotated[int, Depends(told)]
+    request: Request, walk_id: WalkId, state: Annotated[tuple[int, bool], Depends(heard)]
 ) -> AsyncIterator[ServerSentEvent]:
     """Tell when crowds change the plan, or a crowd forms ahead: server-sent events ``plan``."""
-    served = town_of(request)
-    # Crowds may have changed since the walk was decided last, when nobody listened.
-    async for kind, _ in request.app.state.bus.listen(("crowds", {})):
+    served, (news, others) = town_of(request), state
+    # Counts that came when nobody listened are told now.
+    async for kind, _ in request.app.state.bus.listen(*[("crowds", {})] * others):
         if kind != "crowds":
             continue
         for turn in range(ASKED_AGAIN):
