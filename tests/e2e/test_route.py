@@ -96,7 +96,7 @@ def test_bad_input_ends_the_process_with_a_sentence(tmp_path) -> None:
         timeout=120,
     )
     assert (done.returncode, done.stdout) == (2, "")
-    assert re.fullmatch(r"sidestep: 0, 0 is [\d,]+ m from the nearest street, .*\n", done.stderr)
+    assert re.fullmatch(r"sidestep: latitude 0, longitude 0 is [\d,]+ m from the nearest street, .*\n", done.stderr)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -222,6 +222,9 @@ def test_workers_share_counts_and_walks(start, live_town: Path, database, listen
     server = start("--workers", "2", "--store", database.url, scenario=live_town)
     workers = workers_of(server)
     set_clock(server)
+    for _ in range(20):  # on connections of their own: each process reads the clock four times a second
+        while not httpx.get(f"{server.url}/clock").json()["simulated"]:
+            time.sleep(0.05)
     walk = begin(server)
     path = f"/walks/{walk['id']}"
     listening: list[Listener] = []

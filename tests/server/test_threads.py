@@ -146,13 +146,15 @@ def test_a_walker_is_made_once(router: Router) -> None:
 
 def test_desks() -> None:
     """Questions of many clients, of which some fail and some are refused: no more at once than threads, all counted."""
-    desk, rng, working, most = Desk(4, 40, 6, 30), random.Random(7), Counter[str](), []
+    desk, rng, working, most, lock = Desk(4, 40, 6, 30), random.Random(7), set[int](), [], threading.Lock()
 
     def work(number: int) -> int:
-        working.update(["all"])
-        most.append(working["all"])
+        with lock:
+            working.add(number)
+            most.append(len(working))
         time.sleep(rng.random() / 500)
-        working.subtract(["all"])
+        with lock:
+            working.remove(number)
         if number % 7 == 0:
             raise KeyError(number)
         return number
