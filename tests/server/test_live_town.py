@@ -150,6 +150,22 @@ def test_times_of_a_week(client: httpx.Client, asked: str, departs: str) -> None
 
 
 @pytest.mark.parametrize(
+    ("asked", "code"),
+    [
+        ("planner=shortest-path&walker=custom,free_speed=0.1", "NoRoute"),  # through the crowd
+        ("walker=custom,free_speed=0.1", "NoRoute"),  # round it, which takes longer than an hour
+        ("arrive_by=2024-06-01T12:01&futures=20", "InvalidValue"),  # at noon
+        ("arrive_by=2024-06-01T11:00&futures=20", "InvalidValue"),
+    ],
+)
+def test_what_nobody_can_walk(client: httpx.Client, post, asked: str, code: str) -> None:
+    post(long(MANY))
+    answer = client.get(f"{ROUTE}&{asked}")
+    post(long(USUAL))
+    assert (answer.status_code, answer.json()["code"]) == (400, code), answer.text
+
+
+@pytest.mark.parametrize(
     "asked",
     [
         "depart_at=23:30&until=00:30",

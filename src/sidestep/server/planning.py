@@ -257,6 +257,8 @@ def _planned_walks(
     origin, destination = (point.place for point in points)
     depart = served.asked("depart_at", options.depart_at) if options.arrive_by is None or options.depart_at else None
     deadline = served.deadline(options.arrive_by, depart)
+    if depart is None and isinstance(deadline, datetime):
+        depart = served.asked("depart_at", None)  # what is past cannot be walked
     if deadline is None:
         futures = served.futures(options.planner, options.futures or FEW_FUTURES)
     else:
@@ -277,6 +279,10 @@ def _planned_walks(
         plan = router.answer(request)
     except RouteError as error:
         raise _no_route(error) from error
+    if not plan.arrives:
+        most = router.scenario.horizon / 60
+        said = f"the walk by {plan.planner} does not arrive: walks are given up after {most:g} minutes"
+        raise ProblemError(400, said, field="destination", code="NoRoute")
     timed = options.futures is not None or deadline is not None
     return [_walk_of(each, coordinates[-1], timed=timed, scene=plan) for each in (plan, *plan.alternatives)]
 
