@@ -113,6 +113,7 @@ export function combobox(end) {
       else complain("search", `No street here is called “${text}”; type a part of its name, or coordinates.`);
       return;
     }
+    const before = options[at]?.says; // stays chosen where it is still found
     options = found.map((option, turn) => ({
       ...option,
       node: make(
@@ -129,8 +130,7 @@ export function combobox(end) {
     }
     const none = make("li", { role: "option", "aria-disabled": "true", text: `No street is called “${text}”` });
     list.replaceChildren(...(options.length > 0 ? options.map((option) => option.node) : [none]));
-    at = -1;
-    input.removeAttribute("aria-activedescendant");
+    highlight(options.findIndex((option) => option.says === before));
     list.hidden = document.activeElement !== input;
     input.setAttribute("aria-expanded", String(!list.hidden));
   }
