@@ -144,8 +144,9 @@ class Router:
             A walker that can take no street (field ``walker``). A model that learned for another walker or objective
             is refused only once it is asked to plan.
         """
-        other = copy(self)
-        if walker is not None and walker != self.scenario.walker:
+        if walker is None or walker == self.scenario.walker:
+            other = copy(self)
+        else:
             other = Router(self.scenario.changed(walker=walker), seed=self._seed, index=self._index)
             other._learned = self._learned
         if objective is not None:

@@ -148,7 +148,6 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
     ahead = [Ahead(bearing=each.bearing, density=each.density) for each in position.ahead]
 
     def go(state: dict[str, Any]) -> dict[str, Any]:
-        version = served.counting.version
         walk, router = _walk(served, state)
         # What was reported before counts changed the plan, but comes after, is as of then.
         late = _later(served, asked, state["reported"]) != asked
@@ -156,11 +155,7 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
         place, when = position.location[::-1], 0.0 if time is None else time
         walk, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
         expires = datetime.now(UTC) + LONGEST_WALK
-        return {
-            "reported": _wall(served, asked),
-            "version": version,
-            **_state(served, walk_id, walk, decision, expires),
-        }
+        return {"reported": _wall(served, asked), **_state(served, walk_id, walk, decision, expires)}
 
     said: dict[str, Any] = _changed(served, walk_id, go)["said"]
     return said
@@ -186,7 +181,6 @@ def decide_anew(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
     """
 
     def anew(state: dict[str, Any]) -> dict[str, Any]:
-        version = served.counting.version
         walk, router = _walk(served, state)
         if walk.arrived:
             return {}
@@ -202,8 +196,8 @@ def decide_anew(served: ServedTown, walk_id: str) -> tuple[int, dict[str, Any]]:
             now, (walk, decision) = None, walks.replan(router, walk)
         found = _state(served, walk_id, walk, decision, datetime.fromisoformat(state["said"]["expires"]))
         if not decision.changed and (found["crowd"] is None or found["crowd"] == state["crowd"]):
-            return {"crowd": found["crowd"], "version": version}
-        return {**found, "news": state["news"] + 1, "decided": _wall(served, now), "version": version}
+            return {"crowd": found["crowd"]}
+        return {**found, "news": state["news"] + 1, "decided": _wall(served, now)}
 
     state = _changed(served, walk_id, anew)
     return state["news"], state["said"]
@@ -235,8 +229,8 @@ def _walk(served: ServedTown, state: dict[str, Any]) -> tuple[WalkUnderWay, Rout
 def _changed(served: ServedTown, walk_id: str, change: Callable[[dict[str, Any]], dict[str, Any]]) -> dict[str, Any]:
     """Change what is kept of a walk; where somebody else changed it meanwhile, that is done again from there."""
     for _ in range(TRIES):
-        before = _found(served, walk_id)
-        after = before | change(before)
+        before, version = _found(served, walk_id), served.counting.version
+        after = before | {"version": version} | change(before)
         expires = datetime.fromisoformat(after["said"]["expires"])
         if after == before or served.store.change_walk(walk_id, before, after, expires):
             return after

@@ -64,7 +64,7 @@ async def follow_walk(
     """Tell when crowds change the plan, or a crowd forms ahead: server-sent events ``plan``."""
     served, (news, others) = town_of(request), state
     # Counts that came when nobody listened are told now.
-    async for kind, _ in request.app.state.bus.listen(*[("crowds", {})] * others):
+    async for kind, _ in request.app.state.bus.listen(*([("crowds", {})] if others else [])):
         if kind != "crowds":
             continue
         for turn in range(ASKED_AGAIN):
