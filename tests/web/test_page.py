@@ -394,6 +394,7 @@ def test_refusals_are_one_sentence(opened):
     view = opened(allowed=("status of 4",)).open("#from=25.5,60.9&to=24.948,60.1655&at=Sat-17:30")
     expect(view.page.locator("#alert")).to_be_visible()
     expect(view.page.locator("#alert-says")).to_contain_text(re.compile("street|town|250 m"))
+    expect(view.page.get_by_text("no answer")).to_have_count(2)  # each planner refuses, and says so
     view.page.click("#alert-close")
     expect(view.page.locator("#alert")).to_be_hidden()
 
