@@ -332,6 +332,18 @@ def test_reports_after_midnight(client: httpx.Client) -> None:
     assert answer.json()["arrival"].startswith("2024-06-02T00:0")
 
 
+@pytest.mark.parametrize("begins", [{}, {"depart_at": NOON}])
+def test_reports_of_times_to_come(client: httpx.Client, begins: dict[str, str]) -> None:
+    """They are refused, and true ones go on; a walk that is begun with its departure may be played."""
+    url = f"/walks/{begun(client, **begins)['id']}/position"
+    for when in ("2024-06-01T13:30", "2024-06-02T12:00", "13:30", "Sun 12:00"):
+        answer = client.post(url, json={"location": at(40, 0), "time": when})
+        assert (answer.status_code, answer.json()["field"]) == (400, "time"), answer.text
+    for metres, minute, status in ((40, "00:30", 200), (60, "04:59", 200), (80, "10:30", 200 if begins else 400)):
+        report = {"location": at(metres, 0), "time": f"2024-06-01T12:{minute}"}
+        assert client.post(url, json=report).status_code == status
+
+
 def test_counts_after_the_last_report_change_plans_too(client: httpx.Client, post) -> None:
     said, served = begun(client), client.app.state.town
     client.put("/clock", json={"now": "2024-06-01T12:20:00", "speed": 0.001}, headers=WRITES)

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from sidestep.crowds.live import AHEAD
 from sidestep.crowds.wall_time import local_time
 from sidestep.routing import live as walks
 from sidestep.routing.request import Departure, RouteError, RouteRequest, at_fault
@@ -108,6 +109,8 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
     walk_id = secrets.token_hex(16)
     expires = datetime.now(UTC) + LONGEST_WALK
     state = {
+        "dated": asked.depart_at is not None,
+        "departs": served.clock.instant.replace(second=0, microsecond=0).isoformat(),
         "walker": asked.walker,
         "objective": asked.objective,
         "own_time": own_time,
@@ -140,7 +143,7 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
     ProblemError
         404 for walks that are not known, or no longer.
     SidestepError
-        Places that are not in the town, and times before the last report, with the parameter as its field.
+        Places outside the town, times before the last report, and times to come, with the parameter as its field.
     """
     with at_fault("location"):
         osrm_options.check_coordinates([position.location])
@@ -153,9 +156,10 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
         late = _later(served, asked, state["reported"]) != asked
         time = asked if late else _later(served, asked, state["decided"])
         place, when = position.location[::-1], 0.0 if time is None else time
-        walk, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
+        reported, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
+        _check_time(served, state, walk.clock, reported.clock)
         expires = datetime.now(UTC) + LONGEST_WALK
-        return {"reported": _wall(served, asked), **_state(served, walk_id, walk, decision, expires)}
+        return {"reported": _wall(served, asked), **_state(served, walk_id, reported, decision, expires)}
 
     said: dict[str, Any] = _changed(served, walk_id, go)["said"]
     return said
@@ -244,6 +248,31 @@ def _state(
     crowd = decision.crowd_ahead
     said = {"id": walk_id, **_said(served, decision, crowd), "expires": _seconds(expires)}
     return {"walk": walk.to_json(), "crowd": None if crowd is None else crowd.leg.street, "said": said}
+
+
+def _check_time(served: ServedTown, state: dict[str, Any], before: float, clock: float) -> None:
+    """Refuse a report of a time to come, after which true ones would be earlier than the last.
+
+    Parameters
+    ----------
+    served, state
+        The town, and what is kept of the walk.
+    before, clock
+        Seconds from the departure to the last report, and to this one.
+
+    Raises
+    ------
+    ProblemError
+        With the field ``time``.
+    """
+    if state["dated"]:  # perhaps played, faster than in reality
+        ahead, most, than = clock - before, LONGEST_WALK, "that of the last report"
+    else:
+        passed = (served.clock.instant - datetime.fromisoformat(state["departs"])).total_seconds()
+        ahead, most, than = clock - passed, AHEAD, f"now, {served.clock.now():%Y-%m-%d %H:%M} by the server"
+    if ahead > most.total_seconds():
+        said = f"the time is {ahead / 60:,.0f} minutes after {than}, and may be {most // timedelta(minutes=1)}"
+        raise ProblemError(400, f"{said}; correct it", field="time")
 
 
 def _is_own_time(served: ServedTown, depart: Departure | None) -> bool:
