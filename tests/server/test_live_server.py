@@ -249,9 +249,11 @@ def test_workers_share_counts_and_walks(start, live_town: Path, database, listen
             assert server.request("GET", path).status_code == 503
             route = server.request("GET", ROUTE).json()
             assert streets({"route": route["routes"][0]}) == ["Gate", "Long Street", "Quay"]
-            assert server.request("GET", "/readyz").status_code == 200
+            assert server.request("GET", "/readyz").json()["field"] == "store"
+            assert server.request("GET", "/healthz").status_code == 200
     finally:
         database.come_back()
+    assert server.request("GET", "/readyz").json()["status"] == "ready"
     assert post(server, MANY).json()["corrected"] == 1
     for each in listening:
         assert streets(each.next("plan"))[1] == "Back Road"

@@ -240,7 +240,11 @@ def test_a_store_that_is_gone_and_comes_back(client: httpx.Client, post) -> None
     assert (answer.status_code, answer.json()["field"]) == (503, "store")
     assert str(file) not in answer.text
     assert names(client.get(ROUTE)) == ["Gate", "Long Street", "Quay"]
+    answer = client.get("/readyz")
+    assert (answer.status_code, answer.json()["field"]) == (503, "store")
+    assert str(file) not in answer.text
     aside.rename(file)
+    assert client.get("/readyz").json()["status"] == "ready"
     assert post(long(7, "2024-06-01T08:00")).json()["new"] == 1
 
 
