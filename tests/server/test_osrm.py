@@ -416,6 +416,17 @@ def test_bodies(code, body: Any, expected: str) -> None:
     assert code("/route/v1/foot", body) == expected
 
 
+@pytest.mark.parametrize(
+    ("side", "expected"), [(300, "NoRoute"), (90, "NoRoute"), (1, "Ok"), (0, "InvalidValue")]
+)  # all streets; the crossing on the way; a place without any; no area at all
+def test_areas_in_the_way(client, side: float, expected: str) -> None:
+    west, south = 200 - side / 2, -side / 2 + (side == 1) * 30
+    ring = [(west, south), (west + side, south), (west + side, south + side), (west, south + side), (west, south)]
+    area = {"type": "Polygon", "coordinates": [[[x / DEGREE, y / DEGREE] for x, y in ring]]}
+    body = {"coordinates": [[50 / DEGREE, 0], [300 / DEGREE, 0]], "avoid": area}
+    assert client.post("/route/v1/foot", json=body).json()["code"] == expected
+
+
 def test_what_is_no_json_and_what_is_no_question(client) -> None:
     answer = client.post("/route/v1/foot", content=b"{", headers={"content-type": "application/json"})
     assert (answer.status_code, answer.json()["code"]) == (400, "InvalidQuery")

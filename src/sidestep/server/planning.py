@@ -237,7 +237,7 @@ def _quick_walk(
 
 
 def _no_route(error: RouteError) -> ProblemError:
-    code = "NoRoute" if error.field == "destination" else None
+    code = "NoRoute" if error.field in {"destination", "avoid"} else None
     return ProblemError(400, str(error), field=error.field, code=code)
 
 
