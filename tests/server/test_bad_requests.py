@@ -181,6 +181,15 @@ def test_planners_are_names(refused, monkeypatch: pytest.MonkeyPatch, name: str)
     refused("/walks", "POST", json={"origin": [0.0001, 0.0001], "destination": [0.0026, 0.0026], "planner": name})
 
 
+@pytest.mark.parametrize("more", ["", "&futures=1"])
+def test_a_model_that_is_not_there(refused, more: str) -> None:
+    """It is said how a server has one."""
+    for path in (f"{ROUTE}?", f"{WHEN}&", f"{ISOCHRONE}&"):
+        assert "sidestep serve --model DIR" in refused(f"{path}planner=darp{more}").text
+    ends = {"origin": [0.0001, 0.0001], "destination": [0.0026, 0.0026]}
+    assert refused("/walks", "POST", json={**ends, "planner": "darp"}).json()["field"] == "planner"
+
+
 def test_every_planner_of_the_document_is_a_name(served) -> None:
     """Paths that are added later must not forget it."""
     found: list[dict] = []

@@ -51,8 +51,9 @@ async def isochrone(
     def answer() -> dict[str, Any]:
         router = served.variants.router(walker, objective)
         departs = served.asked("depart_at", depart_at)
-        number = None if futures is None else served.futures(planner or BASELINE, futures)
-        return router.isochrone(place, minutes=limits, depart=departs, planner=planner, futures=number).to_geojson()
+        name = served.planner_name(planner or BASELINE)
+        number = None if futures is None else served.futures(name, futures)
+        return router.isochrone(place, minutes=limits, depart=departs, planner=name, futures=number).to_geojson()
 
     return geojson(await served.heavily(answer))
 

@@ -1,7 +1,5 @@
 """How much work one question may be."""
 
-from collections.abc import Collection
-
 from sidestep.server.problems import ProblemError
 
 SIZES = (1, 20, 50, 100, 200, 500, 1000)
@@ -14,13 +12,13 @@ OTHERS_WORK = 2e-3
 """Those of planners that are not among them."""
 
 
-def futures_of(planner: str, planners: Collection[str], asked: int, times: int = 1) -> int:
+def futures_of(planner: str, asked: int, times: int = 1) -> int:
     """Find out how many futures are simulated.
 
     Parameters
     ----------
-    planner, planners
-        Who walks through them, and those that are offered.
+    planner
+        Who walks through them.
     asked
         How many are asked for.
     times
@@ -34,10 +32,8 @@ def futures_of(planner: str, planners: Collection[str], asked: int, times: int =
     Raises
     ------
     ProblemError
-        Planners that are not offered (field ``planner``), and more walks than one question may take (``futures``).
+        More walks than one question may take (field ``futures``).
     """
-    if planner not in planners:
-        raise ProblemError(400, f"planner must be one of {', '.join(planners)}", field="planner")
     size = next(each for each in SIZES if each >= asked)
     most = int(MOST_WORK / WORK.get(planner, OTHERS_WORK))
     if size * times > most:

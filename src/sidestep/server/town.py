@@ -34,7 +34,7 @@ from sidestep.server.desk import Desk
 from sidestep.server.documents import Document
 from sidestep.server.effort import futures_of
 from sidestep.server.hints import Hinter
-from sidestep.server.problems import GeoJsonResponse
+from sidestep.server.problems import GeoJsonResponse, ProblemError
 from sidestep.server.settings import Settings
 from sidestep.server.store import Store
 from sidestep.server.variants import Variants
@@ -277,11 +277,34 @@ class ServedTown:
 
     def futures(self, planner: str | None, asked: int, times: int = 1) -> int:
         """Find out how many futures are simulated, as :func:`~sidestep.server.effort.futures_of`."""
-        return futures_of(self.planner_name(planner), self.facts["planners"], asked, times)
+        return futures_of(self.planner_name(planner), asked, times)
 
     def planner_name(self, planner: str | None) -> str:
-        """Who plans: the planner that is asked for, or the default."""
-        return planner or (LEARNED if self.has_model else BASELINE)
+        """Who plans: the planner that is asked for, or the default.
+
+        Parameters
+        ----------
+        planner
+            As it is asked for.
+
+        Returns
+        -------
+        str
+            Its name.
+
+        Raises
+        ------
+        ProblemError
+            One that is not offered (field ``planner``).
+        """
+        found = planner or (LEARNED if self.has_model else BASELINE)
+        if found == LEARNED and not self.has_model:
+            said = "this server has no trained model for the planner darp"
+            raise ProblemError(400, f"{said}; start it with sidestep serve --model DIR", field="planner")
+        if found not in self.facts["planners"]:
+            said = f"planner must be one of {', '.join(self.facts['planners'])}, not {found!r:.60}"
+            raise ProblemError(400, said, field="planner")
+        return found
 
     async def stored(self, answer: Callable[[], T]) -> T:
         """Ask the store in a thread, since it may have to wait for a disk or a network."""
