@@ -326,6 +326,15 @@ def test_as_melbourne_publishes() -> None:
     assert posted(text, "text/csv; charset=utf-8; header=present", seconds=60.0) == expected
 
 
+@pytest.mark.parametrize(("written", "persons"), [("1.000", None), ("123.456", None), ("1.00", 1.0), ("0.125", 0.125)])
+def test_marks_between_thousands(written: str, persons: float | None) -> None:
+    text = rows("time,sensor,seconds,towards,away", f"2025-05-24T12:00,quay,900.000,{written},0")
+    if persons is None:
+        assert (refused(text, "text/csv").field, refused(text, "text/csv").line) == ("count", 2)
+    else:
+        assert posted(text, "text/csv")[0].towards == persons
+
+
 def test_directions_and_seconds() -> None:
     text = rows("time,sensor,seconds,towards,away", "2025-05-24T12:00,quay,900,3,4.5")
     assert posted(text, "text/csv") == [LiveCount("quay", NOON, 900.0, 7.5, 3.0, 4.5)]

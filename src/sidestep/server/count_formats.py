@@ -32,6 +32,7 @@ _KEYS = ("sensor", "time", "seconds", "count", "towards", "away")
 _DURATIONS = ("seconds", "durationseconds", "intervalseconds")
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(:\d\d(:\d\d([.,]\d{1,9})?)?)?(Z|[+-]\d\d(:?\d\d)?)?", re.ASCII)
 _NUMBER = re.compile(r"\d{1,15}(\.\d{1,15})?", re.ASCII)
+_MAYBE_THOUSANDS = re.compile(r"[1-9]\d{0,2}\.\d{3}", re.ASCII)
 _URN = re.compile(r"urn:ngsi-ld:[^:]+:(.+)", re.IGNORECASE)
 _ROUNDING = 1e-6  # of sums of two directions
 _DEEPEST = 4  # values within values of an attribute
@@ -359,6 +360,10 @@ def _flat(names: Sequence[str], roles: Mapping[str, int], cells: Sequence[str], 
             said = f"column {quoted(names[roles[role]])} must have a number such as 12 or 12.5, not {quoted(text)}"
             more = "; leave out rows of what was not counted" if not text else ""
             raise LiveError(f"{said}{more}", field="seconds" if role == "seconds" else "count")
+        if role != "seconds" and _MAYBE_THOUSANDS.fullmatch(text):
+            whole, _, rest = text.partition(".")
+            said = f"column {quoted(names[roles[role]])}: {text} may be {whole}{rest} or {float(text):g}"
+            raise LiveError(f"{said}; write it as one of these", field="count")
         return float(text)
 
     sensor, begins = _name("sensor", cells[roles["sensor"]]), _instant(cells[roles["time"]], usual.timezone)
