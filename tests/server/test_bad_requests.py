@@ -237,6 +237,8 @@ BODIES = [
     ("/route/v1/foot", "POST"),
     ("/table/v1/foot", "POST"),
     ("/walks", "POST"),
+    ("/when", "POST"),
+    ("/isochrone", "POST"),
     ("/clock", "PUT"),
     ("/counts", "POST"),
 ]
@@ -257,7 +259,7 @@ def test_bodies_that_are_wrong(refused, path: str, method: str, body: bytes) -> 
     refused(path, method, content=body, headers={"content-type": "application/json"})
 
 
-@pytest.mark.parametrize(("path", "method"), BODIES[:4])
+@pytest.mark.parametrize(("path", "method"), BODIES[:-1])
 @pytest.mark.parametrize(
     "kind", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", "x", "\xff"]
 )
@@ -278,6 +280,17 @@ def test_bodies_of_other_types(refused, path: str, method: str, kind: str) -> No
 def test_areas_that_are_none(refused, avoid: dict) -> None:
     body = {"coordinates": [[0.0001, 0.0001], [0.0026, 0.0026]], "avoid": avoid}
     refused("/route/v1/foot", "POST", json=body)
+    body = {"origin": [0.0001, 0.0001], "destination": [0.0026, 0.0026], "avoid": avoid}
+    for path in ("/walks", "/when"):
+        assert refused(path, "POST", json=body).json()["field"] == "avoid"
+    del body["destination"]
+    assert refused("/isochrone", "POST", json=body).json()["field"] == "avoid"
+
+
+def test_areas_that_are_too_large_to_keep(refused) -> None:
+    area = {"type": "Polygon", "coordinates": [[[0.0001, 0.0001 + number / 1e7] for number in range(2000)]]}
+    body = {"origin": [0.0001, 0.0001], "destination": [0.0026, 0.0026], "avoid": area}
+    assert refused("/walks", "POST", json=body).status_code == 413
 
 
 def test_areas_that_contain_themselves(refused) -> None:

@@ -301,6 +301,54 @@ def test_a_crowd_that_is_seen_changes_the_plan(client: httpx.Client) -> None:
     assert said["seen"]
 
 
+def around(x: float, y: float) -> dict[str, Any]:
+    """An area of 20 m by 20 m."""
+    corners = [(x - 10, y - 10), (x + 10, y - 10), (x + 10, y + 10), (x - 10, y + 10), (x - 10, y - 10)]
+    return {"type": "Polygon", "coordinates": [[at(*each) for each in corners]]}
+
+
+def test_walks_keep_out_of_an_area(client: httpx.Client) -> None:
+    """Whatever the crowd on the way round it, and where the walker leaves that way."""
+    said = begun(client, avoid=around(150, 0))
+    assert walked(said) == ["Gate", "Back Road", "Quay"]
+    url = f"/walks/{said['id']}/position"
+    seen = {"location": at(40, 0), "time": "2024-06-01T12:00:30", "ahead": [{"bearing": 180, "density": 4.5}]}
+    said = client.post(url, json=seen).json()
+    assert said["seen"]
+    assert walked(said) == ["Gate", "Back Road", "Quay"]
+    said = client.post(url, json={"location": at(100, 0), "time": "2024-06-01T12:01"}).json()
+    assert said["left_route"]
+    assert walked(said) == ["Long Street", "Back Road", "Quay"]
+    answer = client.post(url, json={"location": at(150, 0), "time": "2024-06-01T12:02"})
+    assert (answer.status_code, answer.json()["field"]) == (400, "location")
+
+
+def test_departures_and_reach_keep_out_of_an_area(client: httpx.Client) -> None:
+    ends, step = {"origin": WEST, "destination": EAST}, {"until": "12:30", "step": 30}
+    text = {name: f"{place[0]},{place[1]}" for name, place in ends.items()}
+    plain, same, round_it = (
+        answer.json()["departures"][0]["expected_minutes"]
+        for answer in (
+            client.get("/when", params=text | step),
+            client.post("/when", json=ends | step),
+            client.post("/when", json=ends | step | {"avoid": around(150, 0)}),
+        )
+    )
+    assert plain == same
+    assert round_it - plain == pytest.approx(60 / 1.34 / 60, rel=0.1)  # 2 × 30 m more
+    origin, minutes = {"origin": WEST}, [4.0]
+    reached = [
+        [each["properties"]["kilometres"] for each in answer.json()["features"] if each["properties"]["part"] == "area"]
+        for answer in (
+            client.get("/isochrone", params={"origin": text["origin"], "minutes": "4"}),
+            client.post("/isochrone", json=origin | {"minutes": minutes}),
+            client.post("/isochrone", json=origin | {"minutes": minutes, "avoid": around(150, 0)}),
+        )
+    ]
+    assert reached[0] == reached[1]
+    assert reached[2][0] < reached[0][0] - 0.2
+
+
 def test_counts_change_the_plans_of_walks(client: httpx.Client, post) -> None:
     said, served = begun(client), client.app.state.town
     assert under_way.decide_anew(served, said["id"]) == (0, said)

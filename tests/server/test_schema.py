@@ -51,6 +51,8 @@ PLACES = {
     "origin": [0.0001, 0.0001],
     "destination": [0.0026, 0.0026],
     "now": "2026-11-27T08:00:00",
+    "minutes": [5, 10],
+    "step": 30,
 }
 """Members of bodies."""
 NOT_IN_THE_DOCUMENT = [checks.positive_data_acceptance]

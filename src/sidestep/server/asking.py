@@ -6,10 +6,11 @@ from typing import Annotated, Any, TypeVar
 
 from fastapi import Query, Request
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.responses import Response
 
-from sidestep.server.osrm_options import PLANNER, read_coordinates
+from sidestep.routing.request import at_fault
+from sidestep.server.osrm_options import PLANNER, Pair, Text, check_coordinates, read_coordinates
 from sidestep.server.problems import GeoJsonResponse, ProblemError
 from sidestep.server.town import ServedTown
 
@@ -26,6 +27,21 @@ Objective = Annotated[
     str | None, Query(max_length=200, description="What is kept low, as in sidestep route --objective.")
 ]
 Futures = Annotated[int | None, Query(ge=1, le=1000, description="Simulated futures.")]
+
+
+class Question(BaseModel):
+    """What all bodies have that ask for walks; longitudes come before latitudes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True)
+
+    origin: Pair
+    depart_at: Text | None = None
+    """Local time; by default now."""
+    planner: Annotated[str, Field(pattern=PLANNER)] | None = None
+    walker: Text | None = None
+    objective: Text | None = None
+    avoid: dict[str, Any] | None = None
+    """GeoJSON polygons whose streets are not walked."""
 
 
 def town_of(request: Request) -> ServedTown:
@@ -157,6 +173,13 @@ def place_of(field: str, text: str) -> tuple[float, float]:
     except (ProblemError, ValueError) as error:
         said = f"{field} must be LONGITUDE,LATITUDE in degrees, such as 24.94,60.17, not {text!r:.60}"
         raise ProblemError(400, said, field=field) from error
+    return latitude, longitude
+
+
+def located(field: str, place: Pair) -> tuple[float, float]:
+    """Latitude and longitude of a place in a body, which has the longitude first; ProblemError where it is none."""
+    with at_fault(field):
+        ((longitude, latitude),) = check_coordinates([place])
     return latitude, longitude
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Depends, Query, Request
+from pydantic import Field
 from starlette.responses import Response
 
 from sidestep.planners.registry import BASELINE
@@ -16,22 +17,47 @@ from sidestep.server.asking import (
     Objective,
     Place,
     PlannerName,
+    Question,
     Time,
     Walker,
+    body_of,
     geojson,
+    located,
     numbers_of,
     only_known,
     place_of,
+    takes,
     town_of,
 )
 from sidestep.server.effort import most_walks
+from sidestep.server.osrm_options import Pair, Text
 from sidestep.server.problems import GeoJsonResponse, JsonResponse
-from sidestep.server.town import FEW
+from sidestep.server.town import FEW, ServedTown
 
 router = APIRouter(tags=["crowds"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 Geometry = Annotated[bool, Query(description="false: no lines, but a list by number of the street.")]
 MOST_MINUTES = 8
 """Limits of one isochrone."""
+
+
+class Reach(Question):
+    """How far one gets."""
+
+    minutes: Annotated[list[float], Field(min_length=1, max_length=MOST_MINUTES)] = Field(default=[5.0, 10.0, 15.0])
+    futures: Annotated[int, Field(ge=1, le=1000)] | None = None
+
+
+class Window(Question):
+    """Departures one after the other."""
+
+    destination: Pair
+    until: Text | None = None
+    """The last departure, a local time."""
+    step: Annotated[float, Field(ge=0.1, le=1440)] | None = None
+    """Minutes between two departures."""
+    arrive_by: Text | None = None
+    """When to be there: each departure then has on_time."""
+    futures: Annotated[int, Field(ge=1, le=1000)] = FEW
 
 
 @router.get("/isochrone", response_class=GeoJsonResponse, responses=shapes.ISOCHRONE)
@@ -46,14 +72,41 @@ async def isochrone(
     futures: Futures = None,
 ) -> Response:
     """How far one gets in some minutes, as GeoJSON; with futures in half and in 90 % of them."""
-    served, place, limits = town_of(request), place_of("origin", origin), numbers_of("minutes", minutes, MOST_MINUTES)
+    asked = Reach(
+        origin=place_of("origin", origin)[::-1],
+        minutes=numbers_of("minutes", minutes, MOST_MINUTES),
+        depart_at=depart_at,
+        planner=planner,
+        walker=walker,
+        objective=objective,
+        futures=futures,
+    )
+    return await _reached(town_of(request), asked)
+
+
+@router.post("/isochrone", response_class=GeoJsonResponse, openapi_extra=takes(Reach), responses=shapes.ISOCHRONE)
+async def isochrone_by_post(request: Request) -> Response:
+    """The same with a JSON body, which may have areas to avoid."""
+    return await _reached(town_of(request), await body_of(request, Reach))
+
+
+async def _reached(served: ServedTown, asked: Reach) -> Response:
+    place = located("origin", asked.origin)
 
     def answer() -> dict[str, Any]:
-        router = served.variants.router(walker, objective)
-        departs = served.asked("depart_at", depart_at)
-        name = served.planner_name(planner or BASELINE)
-        number = None if futures is None else served.futures(name, futures)
-        return router.isochrone(place, minutes=limits, depart=departs, planner=name, futures=number).to_geojson()
+        planner = served.planner_name(asked.planner or BASELINE)
+        return (
+            served.variants.router(asked.walker, asked.objective)
+            .isochrone(
+                place,
+                minutes=asked.minutes,
+                depart=served.asked("depart_at", asked.depart_at),
+                planner=planner,
+                futures=None if asked.futures is None else served.futures(planner, asked.futures),
+                avoid=asked.avoid,
+            )
+            .to_geojson()
+        )
 
     return geojson(await served.heavily(answer))
 
@@ -75,22 +128,45 @@ async def when(
     futures: Annotated[int, Query(ge=1, le=1000, description="Simulated futures.")] = FEW,
 ) -> Response:
     """How long the walk takes at every departure of a window, by default of two hours."""
-    served, ends = town_of(request), (place_of("origin", origin), place_of("destination", destination))
+    asked = Window(
+        origin=place_of("origin", origin)[::-1],
+        destination=place_of("destination", destination)[::-1],
+        depart_at=depart_at,
+        until=until,
+        step=step,
+        arrive_by=arrive_by,
+        planner=planner,
+        walker=walker,
+        objective=objective,
+        futures=futures,
+    )
+    return await _departures(town_of(request), asked)
+
+
+@router.post("/when", openapi_extra=takes(Window), responses=shapes.WHEN)
+async def when_by_post(request: Request) -> Response:
+    """The same with a JSON body, which may have areas to avoid."""
+    return await _departures(town_of(request), await body_of(request, Window))
+
+
+async def _departures(served: ServedTown, asked: Window) -> Response:
+    ends = located("origin", asked.origin), located("destination", asked.destination)
 
     def answer() -> dict[str, Any]:
-        number = served.futures(planner, futures)
-        depart = served.asked("depart_at", depart_at)
-        most = min(MOST_DEPARTURES, most_walks(served.planner_name(planner), number))
+        number = served.futures(asked.planner, asked.futures)
+        depart = served.asked("depart_at", asked.depart_at)
+        most = min(MOST_DEPARTURES, most_walks(served.planner_name(asked.planner), number))
         return (
-            served.variants.router(walker, objective)
+            served.variants.router(asked.walker, asked.objective)
             .when(
                 *ends,
                 depart=depart,
-                until=read_departure(until, "until"),
-                step=step,
-                arrive_by=served.deadline(arrive_by, depart),
-                planner=planner,
+                until=read_departure(asked.until, "until"),
+                step=asked.step,
+                arrive_by=served.deadline(asked.arrive_by, depart),
+                planner=asked.planner,
                 futures=number,
+                avoid=asked.avoid,
                 most=most,
             )
             .to_json()

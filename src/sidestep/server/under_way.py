@@ -6,44 +6,39 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import to_json
 
 from sidestep.crowds.live import AHEAD
 from sidestep.crowds.wall_time import local_time
 from sidestep.routing import live as walks
-from sidestep.routing.request import Departure, RouteError, RouteRequest, at_fault
+from sidestep.routing.request import Departure, RouteError, RouteRequest
 from sidestep.routing.router import Router
 from sidestep.routing.under_way import Ahead, CrowdAhead, Decision, WalkUnderWay
 from sidestep.server import osrm, osrm_options
+from sidestep.server.asking import Question, located
+from sidestep.server.osrm_options import Pair, Text
 from sidestep.server.planning import walk_of
 from sidestep.server.problems import ProblemError
 from sidestep.server.store import LONGEST_WALK
 from sidestep.server.town import FEW, ServedTown
 
 MOST_WALKS = 10_000
-"""Walks that are kept; anybody may begin some, and each takes some 20 kB for an hour."""
+"""Walks that are kept; anybody may begin some, and each takes 20 to 40 kB for an hour."""
+LARGEST_AREA = 20_000
+"""Bytes of the areas that a walk keeps out of."""
 TRIES = 3
 """Of changing a walk that somebody else changes at the same time."""
 MOST_AHEAD = 16
 """Streets of which a walker may say what it sees."""
 
-Pair = tuple[float, float]
-Text = Annotated[str, Field(max_length=200)]
 OPTIONS = osrm_options.RouteOptions(steps=True, geometries="geojson", overview="full")
 """How the routes of walks are told."""
 
 
-class Begun(BaseModel):
-    """A walk to begin; longitudes come before latitudes."""
+class Begun(Question):
+    """A walk to begin."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True)
-
-    origin: Pair
     destination: Pair
-    depart_at: Text | None = None
-    """Local time; by default now."""
-    planner: Annotated[str, Field(pattern=osrm_options.PLANNER)] | None = None
-    walker: Text | None = None
-    objective: Text | None = None
     futures: Annotated[int, Field(ge=1, le=1000)] | None = None
 
 
@@ -87,22 +82,23 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
     Raises
     ------
     ProblemError
-        503 where too many are kept.
+        503 where too many are kept; 413 for areas to avoid that are too large to keep.
     SidestepError
         What no route answers, with the parameter as its field.
     """
     if served.store.walks() >= MOST_WALKS:
         said = "too many walks are under way; begin later, or ask for a route"
         raise ProblemError(503, said, headers={"retry-after": "60"})
-    for field, place in (("origin", asked.origin), ("destination", asked.destination)):
-        with at_fault(field):
-            osrm_options.check_coordinates([place])
+    if asked.avoid is not None and len(to_json(asked.avoid)) > LARGEST_AREA:
+        said = f"areas to avoid may have {LARGEST_AREA:,} bytes at most in walks, which keep them; give fewer points"
+        raise ProblemError(413, said, field="avoid")
     request = RouteRequest(
-        origin=asked.origin[::-1],
-        destination=asked.destination[::-1],
+        origin=located("origin", asked.origin),
+        destination=located("destination", asked.destination),
         depart=served.asked("depart_at", asked.depart_at),
         planner=asked.planner,
         futures=served.futures(asked.planner, asked.futures or FEW),
+        avoid=asked.avoid,
     )
     version, own_time = served.counting.version, _is_own_time(served, request.depart)
     walk, decision = walks.begin(served.variants.router(asked.walker, asked.objective), request)
@@ -145,8 +141,7 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
     SidestepError
         Places outside the town, times before the last report, and times to come, with the parameter as its field.
     """
-    with at_fault("location"):
-        osrm_options.check_coordinates([position.location])
+    place = located("location", position.location)
     asked = served.exactly("time", position.time)
     ahead = [Ahead(bearing=each.bearing, density=each.density) for each in position.ahead]
 
@@ -155,7 +150,7 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
         # What was reported before counts changed the plan, but comes after, is as of then.
         late = _later(served, asked, state["reported"]) != asked
         time = asked if late else _later(served, asked, state["decided"])
-        place, when = position.location[::-1], 0.0 if time is None else time
+        when = 0.0 if time is None else time
         reported, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
         _check_time(served, state, walk.clock, reported.clock)
         expires = datetime.now(UTC) + LONGEST_WALK
