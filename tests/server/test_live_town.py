@@ -441,7 +441,7 @@ def test_changes_of_a_walk_at_the_same_time(client: httpx.Client, monkeypatch) -
         ({"location": at(40, 0), "time": "yesterday"}, "time"),
         ({"location": at(40, 0), "time": "2024-06-01T11:00"}, "time"),
         ({"location": at(40, 0), "density": -1}, "density"),
-        ({"location": at(40, 0), "ahead": [{"bearing": 90, "density": 99}]}, "ahead.0"),
+        ({"location": at(40, 0), "ahead": [{"bearing": 90, "density": 99}]}, "ahead.0.density"),
         ({"location": at(40, 0), "ahead": [{"bearing": 90, "density": 1}] * 17}, "ahead"),
         ({"location": "here"}, "location"),
         ({"place": at(40, 0)}, "location"),

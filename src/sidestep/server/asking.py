@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.responses import Response
 
 from sidestep.routing.request import at_fault
-from sidestep.server.osrm_options import PLANNER, Pair, Text, check_coordinates, read_coordinates
-from sidestep.server.problems import GeoJsonResponse, ProblemError
+from sidestep.server.osrm_options import Pair, Text, check_coordinates, read_coordinates
+from sidestep.server.problems import PLANNER, GeoJsonResponse, ProblemError
 from sidestep.server.town import ServedTown
 
 M = TypeVar("M", bound=BaseModel)
@@ -190,9 +190,11 @@ def numbers_of(field: str, text: str, most: int) -> list[float]:
             raise ValueError  # noqa: TRY301 - as for numbers that are none
         found = [float(each) for each in text.split(",")]
     except ValueError as error:
-        raise ProblemError(400, f"{field} must be numbers with commas between them", field=field) from error
+        raise ProblemError(
+            400, f"{field} must be numbers with commas between them, not {text!r:.60}", field=field
+        ) from error
     if len(found) > most:
-        raise ProblemError(400, f"{field} may be {most} numbers at most", field=field)
+        raise ProblemError(400, f"{field} may be {most} numbers at most, not {len(found)}", field=field)
     return found
 
 

@@ -11,15 +11,13 @@ from typing import Annotated, Any, Literal
 import polyline
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from sidestep.server.problems import ProblemError
+from sidestep.server.problems import PLANNER, ProblemError
 
 MOST_COORDINATES = 100
 """Of one route or table."""
 MOST_ALTERNATIVES = 3
 MOST_NEAREST = 100
 ANNOTATIONS = ("duration", "distance", "speed", "weight", "datasources", "congestion", "congestion_numeric")
-PLANNER = r"^[\w.-]{1,80}$"
-"""Names of planners only: elsewhere ``module:name`` is one, too, which imports a module and calls what is in it."""
 PROFILES = ("foot", "walking", "pedestrian")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
 _COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*", re.ASCII)
@@ -232,7 +230,9 @@ def read_coordinates(text: str, most: int = MOST_COORDINATES) -> Coordinates:
         try:
             found = polyline.decode(encoded[2], 6 if encoded[1] else 5, geojson=True)
         except (IndexError, OverflowError, ValueError) as error:
-            raise ProblemError(400, "this is no polyline", field="coordinates", code="InvalidQuery") from error
+            raise ProblemError(
+                400, f"coordinates must be a polyline, not {encoded[2]!r:.60}", field="coordinates", code="InvalidQuery"
+            ) from error
     elif _COORDINATES.fullmatch(text):
         numbers = [float(each) for pair in text.split(";") for each in pair.split(",")]
         found = list(zip(numbers[::2], numbers[1::2], strict=True))

@@ -191,7 +191,9 @@ def route(
 
 def _check_two(coordinates: Coordinates) -> None:
     if len(coordinates) < 2:
-        raise ProblemError(400, "this needs two coordinates or more", field="coordinates", code="InvalidOptions")
+        raise ProblemError(
+            400, f"give two coordinates or more, not {len(coordinates)}", field="coordinates", code="InvalidOptions"
+        )
 
 
 def _places(walk: Walk, points: Sequence[StreetPoint], stops: Sequence[int]) -> list[Pair]:
@@ -381,7 +383,9 @@ def nearest(served: ServedTown, coordinates: Coordinates, options: osrm_options.
         No street near by (``NoSegment``).
     """
     if len(coordinates) != 1:
-        raise ProblemError(400, "give one coordinate", field="coordinates", code="InvalidOptions")
+        raise ProblemError(
+            400, f"give one coordinate, not {len(coordinates)}", field="coordinates", code="InvalidOptions"
+        )
     points = snapped(served, coordinates, options)
     snapper = _quick(served, options).snapper
     if options.number > 1:

@@ -1,6 +1,8 @@
 """Errors as HTTP answers: problem details (RFC 9457), or, for the services of OSRM, its codes."""
 
+import json
 import re
+from reprlib import repr as quoted
 from typing import Any
 
 from fastapi.exceptions import RequestValidationError
@@ -37,6 +39,40 @@ _TITLES = {
 _CODES = {400: "InvalidValue", 404: "InvalidUrl", 405: "InvalidUrl", 413: "TooBig", 500: "InternalError"}
 _RANGES = ("greater_than", "less_than", "too_long", "too_short")
 """Beginnings of pydantic's words for values that can be read, but are not allowed."""
+
+PLANNER = r"^[\w.-]{1,80}$"
+"""Names of planners only: elsewhere ``module:name`` is one, too, which imports a module and calls what is in it."""
+WALK_ID = "^[0-9a-f]{32}$"
+PATTERNS = {
+    PLANNER: "the name of a planner, such as expected",
+    WALK_ID: "the id of a walk, 32 of the digits 0 to 9 and a to f",
+}
+"""What texts must be that must have a form."""
+_TYPES = {
+    "bool": "true or false",
+    "int": "a whole number",
+    "float": "a number",
+    "finite": "a finite number",
+    "string": "a text",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "an object",
+    "model": "an object",
+    "datetime": "a date and a time, such as 2025-05-23T16:00",
+}
+"""What values must be, by the beginnings of pydantic's words for them."""
+_TAKES = {
+    "greater_than": "more than {gt:.10g}",
+    "greater_than_equal": "{ge:.10g} or more",
+    "less_than": "less than {lt:.10g}",
+    "less_than_equal": "{le:.10g} or less",
+    "too_long": "a list of at most {max_length}",
+    "too_short": "a list of at least {min_length}",
+    "string_too_long": "a text of at most {max_length} characters",
+    "string_too_short": "a text of at least {min_length} characters",
+    "literal_error": "{expected}",
+}
+"""The same by whole words, with pydantic's limits."""
 
 
 class ProblemError(SidestepError):
@@ -146,21 +182,59 @@ def of_validation(errors: list[Any]) -> ProblemError:
     ProblemError
         With the parameter as its field.
     """
-    first = errors[0]
-    # After the parameter come numbers of its parts, and pydantic's names of the types that it may have.
-    place = [each for each in first["loc"] if each not in {"query", "body", "path"}]
-    place = [str(each) for number, each in enumerate(place) if number == 0 or isinstance(each, int)]
-    name, kind, said = ".".join(place)[:80], str(first["type"]), str(first["msg"]).removeprefix("Value error, ")
+    parameter = _name(errors[0]["loc"]).partition(".")[0]
+    of_it = [(_name(each["loc"]), each) for each in errors]
+    of_it = [(name, each) for name, each in of_it if name.partition(".")[0] == parameter]
+    # Of the types that it may have the one is meant that fits best; where several do, all are told.
+    name, first = max(of_it, key=lambda found: found[0].count("."))
+    kind = str(first["type"])
     if kind == "extra_forbidden":
         return ProblemError(400, f"{name} is no parameter here", field=name, code="InvalidQuery")
     if kind == "json_invalid":
         return ProblemError(400, "the body is not JSON", field="body", code="InvalidQuery")
     code = "InvalidOptions" if kind.startswith(_RANGES) else "InvalidQuery"
-    if kind.startswith("too_") and len(place) > 1:  # no list of values, but a pair that is none
+    if kind.startswith("too_") and "." in name:  # no list of values, but a pair that is none
         code = "InvalidQuery"
     elif kind == "too_long" and name == "coordinates":
         code = "TooBig"
-    return ProblemError(422, f"{name}: {said}" if name else said, field=name or None, code=code)
+    said = _sentence(name or "the body", [each for other, each in of_it if other == name])
+    return ProblemError(422, said, field=name or None, code=code)
+
+
+def _name(place: tuple[Any, ...]) -> str:
+    """The parameter, with numbers of its parts and their members, and without pydantic's names of types."""
+    parts = [each for each in place if each not in {"query", "body", "path"}]
+    kept = [
+        str(each)[:80]
+        for number, each in enumerate(parts)
+        if number == 0 or isinstance(each, int) or isinstance(parts[number - 1], int)
+    ]
+    return ".".join(kept)
+
+
+def _sentence(name: str, errors: list[Any]) -> str:
+    """What a parameter must be, and what it is: for each of pydantic's words one of ours."""
+    first = errors[0]
+    kind, context = str(first["type"]), first.get("ctx", {})
+    if kind == "missing":
+        return f"{name} is missing"
+    if kind == "value_error":
+        return f"{name}: {context['error']}"
+    given = first["input"]
+    got = json.dumps(given) if isinstance(given, bool | None) else quoted(given)
+    if kind.endswith(("too_long", "too_short")):
+        got = f"of {context.get('actual_length') or len(given)}"
+    takes = ", or ".join(dict.fromkeys(map(_takes, errors)))
+    return f"{name} must be {takes}, not {got}"
+
+
+def _takes(error: Any) -> str:
+    """What a value must be."""
+    kind, limits = str(error["type"]), error.get("ctx", {})
+    if kind == "string_pattern_mismatch":
+        return PATTERNS[limits["pattern"]]
+    said = _TAKES.get(kind) or _TYPES.get(kind.partition("_")[0], "of another kind")
+    return said.format(**limits).replace(" False", " false")
 
 
 async def on_error(request: Request, error: Exception) -> Response:

@@ -11,13 +11,13 @@ from starlette.responses import Response
 from sidestep.errors import SidestepError
 from sidestep.server import shapes, under_way
 from sidestep.server.asking import body_of, only_known, room_to_listen, takes, town_of
-from sidestep.server.problems import JsonResponse, ProblemError
+from sidestep.server.problems import WALK_ID, JsonResponse, ProblemError
 from sidestep.server.under_way import Begun, Position
 
 router = APIRouter(prefix="/walks", tags=["walks"], dependencies=[Depends(only_known)], responses=shapes.PROBLEMS)
 ASKED_AGAIN = 5
 """Times that a walk is decided anew where the server has too much to do, each twice as late as the one before."""
-WalkId = Annotated[str, Path(pattern="^[0-9a-f]{32}$", description="As the walk was named when it began.")]
+WalkId = Annotated[str, Path(pattern=WALK_ID, description="As the walk was named when it began.")]
 
 
 @router.post("", status_code=201, openapi_extra=takes(Begun), responses={201: shapes.WALK[200]})
