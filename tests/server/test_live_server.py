@@ -4,6 +4,9 @@ import contextlib
 import itertools
 import json
 import resource
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
@@ -15,12 +18,13 @@ import pytest
 
 from sidestep.agent.presets import preset
 from sidestep.agent.runs import train
+from sidestep.cli import app as cli
 from sidestep.crowds.live import LiveCount
 from sidestep.scenarios.reader import find_scenario
 from sidestep.server.store import Store
 
 from .conftest import USUAL, at
-from .processes import Server, connections, workers_of
+from .processes import Server, connections, interruptible, workers_of
 
 MANY = 40_000.0  # persons/h
 NOON, MIDNIGHT = "2024-06-01T12:00:00", datetime.fromisoformat("2024-06-01T00:00Z")
@@ -176,6 +180,26 @@ def test_a_model_walks(server) -> None:
         said = ask(server, "POST", f"/walks/{said['id']}/position", json=position)
         assert not said["left_route"]
     assert reports >= 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_replay_that_is_stopped(server, number: signal.Signals, tmp_path: Path) -> None:
+    """It says at once what it does; then the clock is the computer's again."""
+    (tmp_path / "day.csv").write_text("time,long\n2024-06-01T12:00,111\n2024-06-01T13:00,222\n")
+    command = [sys.executable, "-m", "sidestep", "replay", str(tmp_path / "day.csv"), "--url", server.url]
+    assert server.request("DELETE", "/clock").status_code == 200
+    with interruptible():
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert "12:00" in process.stdout.readline()
+        until(lambda: server.request("GET", "/clock").json()["simulated"], PATIENCE)
+        process.send_signal(number)
+        said = process.communicate(timeout=PATIENCE)[1]
+    finally:
+        process.kill()
+    assert (process.returncode, said.count("\n")) == (cli.INTERRUPTED, 1)
+    assert not server.request("GET", "/clock").json()["simulated"]
+    set_clock(server)
 
 
 def test_a_full_disk(server) -> None:

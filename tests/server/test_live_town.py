@@ -491,17 +491,27 @@ def test_a_file_that_is_replayed(client: httpx.Client, tmp_path: Path) -> None:
     rows = ["2024-06-01T12:00,111,", "2024-06-01T13:00,222,33", "2024-06-01T14:00,333,44"]
     (tmp_path / "day.csv").write_text("\n".join(["time,long,quay", *rows]))
     table, direct, told = read_counts(tmp_path / "day.csv"), Direct(client), []
+    with pytest.raises(ReplayError) as found:
+        replay(direct, table, 10_000.0, None, told.append)
+    assert (found.value.field, client.get("/clock").json()["now"], told) == ("url", f"{NOON}+00:00", [])
+    client.delete("/clock", headers=WRITES)
     replay(direct, table, 10_000.0, datetime.fromisoformat("2024-06-01T13:00"), told.append)
     posted = [content for method, path, content in direct.asked if path == "/counts"]
     assert [[(row["sensor"], row["count"]) for row in each] for each in posted] == [
         [("long", 222), ("quay", 33)], [("long", 333), ("quay", 44)],
     ]  # fmt: skip
-    assert len(told) == 2
+    assert len(told) == 3  # how long it takes, and each hour
     assert direct.asked[-1][:2] == ("DELETE", "/clock")
     assert client.get("/clock").json()["simulated"] is False
-    with pytest.raises(ReplayError) as found:
-        replay(direct, table, 60.0, datetime.fromisoformat("2024-06-02T13:00"), told.append)
-    assert found.value.field == "begin"
+    for begin in ("2024-06-01T11:59", "2024-06-01T15:00"):
+        with pytest.raises(ReplayError) as found:
+            replay(direct, table, 60.0, datetime.fromisoformat(begin), told.append)
+        assert found.value.field == "begin"
+        assert all(hour in str(found.value) for hour in ("12:00", "15:00"))
+    (tmp_path / "more.csv").write_text("time,elsewhere,long\n2024-06-01T12:00,1,2\n2024-06-01T13:00,1,2\n")
+    told.clear()
+    replay(direct, read_counts(tmp_path / "more.csv"), 10_000.0, None, told.append)
+    assert "elsewhere" in told[0]
     (tmp_path / "other.csv").write_text("time,elsewhere\n2024-06-01T12:00,1\n2024-06-01T13:00,1\n")
     with pytest.raises(ReplayError) as found:
         replay(direct, read_counts(tmp_path / "other.csv"), 60.0, None, told.append)

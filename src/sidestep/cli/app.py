@@ -76,8 +76,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _complain(BAD_INPUT, str(error))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except KeyboardInterrupt:
-        return _complain(INTERRUPTED, "stopped; everything saved so far is kept")
+    except KeyboardInterrupt as stop:
+        return _complain(INTERRUPTED, str(stop) or "stopped; everything saved so far is kept")
     return 0
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+import signal
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -124,7 +125,7 @@ def replay(
 ) -> None:
     """Post a file of counts to a server as if they were counted now, hour by hour, until Ctrl-C.
 
-    The server's clock then shows the time of the file, and after the replay its own again.
+    The server's clock then shows the time of the file, and after the replay, however it ends, its own again.
 
     Parameters
     ----------
@@ -141,6 +142,8 @@ def replay(
     ------
     SidestepError
         Options that mean nothing, files that cannot be read, and a server that refuses; with its field.
+    KeyboardInterrupt
+        After Ctrl-C and SIGTERM.
     """
     from sidestep.crowds.counts import read_counts
     from sidestep.routing.request import read_departure
@@ -155,4 +158,10 @@ def replay(
         raise SidestepError(f"--begin must be a day and a time, such as 2025-05-23T16:00, not {begin}", field="begin")
     key = Settings(key_file=None if api_key_file is None else str(api_key_file)).key()
     table = read_counts(file, reading.layout())
-    post(Client(url, key), table, speed, first, lambda line: print(line, flush=True))
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        post(Client(url, key), table, speed, first, lambda line: print(line, flush=True))
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("stopped; the server goes by its own clock again") from None
+    finally:
+        signal.signal(signal.SIGTERM, before)

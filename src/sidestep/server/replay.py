@@ -22,6 +22,8 @@ PATIENCE = 30.0
 ANEW = 600.0
 """Seconds after which the clock is set anew, which otherwise lapses."""
 HOUR = timedelta(hours=1)
+MINUTE = "%a %Y-%m-%d %H:%M"
+"""How times are told."""
 
 
 class ReplayError(SidestepError):
@@ -127,13 +129,13 @@ def replay(
     begin
         Local wall time to begin with; by default the table's first hour.
     tell
-        Is told what was posted, line by line.
+        Is told what is left out, how long it takes, and what was posted, line by line.
 
     Raises
     ------
     ReplayError
-        No counts from then on (field ``begin``), no sensor that the server knows (``file``), and all that
-        :meth:`Client.ask` raises.
+        A time to begin with that is not in the table (field ``begin``), no sensor that the server knows (``file``), a
+        clock that is simulated already (``url``), and all that :meth:`Client.ask` raises.
     """
     features = client.ask("GET", "/sensors")["features"]
     known = {each["properties"]["sensor"] for each in features}
@@ -141,12 +143,22 @@ def replay(
     if not known & set(table.sensors):
         names = ", ".join(sorted(known)[:3]) or "none"
         raise ReplayError(f"{table.source} has none of the server's sensors, such as {names}", field="file")
-    hours = list(hours_of(table, None if begin is None else local_time(begin, zone.key)))
-    if not hours:
-        raise ReplayError(f"{table.source} has no counts from {begin} on; they end {table.times[-1]}", field="begin")
+    wall = None if begin is None else local_time(begin, zone.key)
+    first, last = table.times[[0, -1]].astype("datetime64[s]").tolist()
+    if wall is not None and not first <= wall < last + HOUR:
+        said = f"{table.source} has counts from {first:{MINUTE}} to {last + HOUR:{MINUTE}}"
+        raise ReplayError(f"{said}; begin in between, not at {wall:{MINUTE}}", field="begin")
+    if client.ask("GET", "/clock")["simulated"]:
+        said = "the server's clock is simulated already, by another replay or by PUT /clock"
+        raise ReplayError(f"{said}; wait for its end, or give the clock back by DELETE /clock", field="url")
+    if left_out := sorted(set(table.sensors) - known):
+        tell(f"Left out, since the server does not have these sensors: {', '.join(left_out)}")
+    hours = list(hours_of(table, wall))
     began, start = hours[0][0].replace(tzinfo=zone), time.monotonic()
-    client.ask("PUT", "/clock", {"now": began.isoformat(), "speed": speed})
+    span = f"{hours[0][0]:{MINUTE}} to {last + HOUR:{MINUTE}}"
+    tell(f"Posting {len(hours):,} hours, {span}, each in {3600 / speed:,.4g} s")
     try:
+        client.ask("PUT", "/clock", {"now": began.isoformat(), "speed": speed})
         for hour, counts in hours:
             ends = (hour.replace(tzinfo=zone).astimezone(UTC) + HOUR - began.astimezone(UTC)).total_seconds() / speed
             while (left := start + ends - time.monotonic()) > 0:
@@ -158,8 +170,7 @@ def replay(
                 for name, count in counts.items()
                 if name in known
             ]
-            if rows:
-                said = client.ask("POST", "/counts", rows)
-                tell(f"{hour:%a %Y-%m-%d %H:%M} to {hour + HOUR:%H:%M}: {said['accepted']} counts")
+            taken = client.ask("POST", "/counts", rows)["accepted"] if rows else 0
+            tell(f"{hour:{MINUTE}} to {hour + HOUR:%H:%M}: {taken} counts")
     finally:
         client.ask("DELETE", "/clock")
