@@ -1,5 +1,6 @@
 """Listening: sockets, processes, logs, and a graceful stop."""
 
+import logging
 import math
 import os
 import signal
@@ -8,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -30,6 +32,7 @@ SPREADS = sys.platform == "linux"
 """Whether the system spreads connections over several sockets of one address."""
 STOPPING = 10
 """Seconds that requests under way have to end after Ctrl-C or SIGTERM."""
+_log = logging.getLogger("sidestep.server")
 
 
 def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], None]) -> None:
@@ -40,9 +43,9 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
     settings, port
         Of the server; port 0 is any that is free.
     as_json
-        Whether the log is JSON, a line for each request.
+        Whether all that is said is JSON: the address, and a line for each request.
     said
-        Takes what is to be printed for those who started it.
+        Takes the address for those who started it, where it is not JSON.
 
     Raises
     ------
@@ -53,20 +56,27 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
         After SIGTERM, with status 0.
     """
     key = settings.key()
-    with _listen(settings.host, port) as listening:
+    with suppress(KeyboardInterrupt), _listen(settings.host, port) as listening:
         shown = f"[{settings.host}]" if ":" in settings.host else settings.host
-        address = f"Serving {settings.scenario} at http://{shown}:{listening.getsockname()[1]}/ (stop with Ctrl-C)"
+        address = f"http://{shown}:{listening.getsockname()[1]}/"
+
+        def ready() -> None:
+            if as_json:
+                _log.info("serving", extra={"scenario": settings.scenario, "address": address})
+            else:
+                said(f"Serving {settings.scenario} at {address} (stop with Ctrl-C)")
+
         if settings.workers == 1:
-            app = make_app(settings, _loaded(settings))
-            said(address)
-            _run(_config(settings, app, as_json=as_json), listening)
+            config = _config(settings, make_app(settings, _loaded(settings)), as_json=as_json)
+            ready()
+            _run(config, listening)
         else:
             _loaded(settings).close()  # each process has its own
             os.environ[SETTINGS_VARIABLE] = settings.model_dump_json()
             if key is not None:
                 os.environ[KEY_VARIABLE] = key  # never on a command line
             config = _config(settings, "sidestep.server.app:make_app", as_json=as_json)
-            _run_workers(config, listening, lambda: said(address))
+            _run_workers(config, listening, ready)
 
 
 def _loaded(settings: Settings) -> ServedTown:
@@ -117,14 +127,10 @@ def _run_workers(config: uvicorn.Config, listening: socket.socket, ready: Callab
         workers.run()
     if any(each.exitcode == STARTUP_FAILURE for each in workers.processes):
         raise SidestepError(NOT_STARTED, field="serve")
-    if workers.interrupted:
-        raise KeyboardInterrupt
 
 
 class _Workers(Multiprocess):
     """Several processes; their metrics are in files, so that any of them can tell the sum."""
-
-    interrupted = False
 
     def __init__(self, config: uvicorn.Config, listening: socket.socket, ready: Callable[[], None]) -> None:
         self._ready: Callable[[], None] | None = ready
@@ -145,10 +151,6 @@ class _Workers(Multiprocess):
         if self._ready is not None and any(each.is_ready() for each in self.processes):
             self._ready()
             self._ready = None
-
-    def handle_int(self) -> None:
-        super().handle_int()
-        self.interrupted = True
 
 
 class _OwnSocket(NamedTuple):
