@@ -147,6 +147,37 @@ def test_planners_alternatives_and_directions(opened):
     expect(view.page.locator("#directions h2")).to_have_text("Turn by turn, greedy-map", timeout=60000)
 
 
+def test_a_busy_server_is_asked_by_two_planners_at_a_time_and_again(opened):
+    view = opened(allowed=("status of 429", "status of 503"))
+    held, refused = [], set()
+
+    def busy(route) -> None:
+        """Hold the first questions, then refuse every one once, as the server does when it has too much to do."""
+        if not refused and len(held) < 2:
+            held.append(route)
+        elif (url := route.request.url) in refused:
+            route.fallback()
+        else:
+            refused.add(url)
+            route.fulfill(
+                status=503 if len(refused) % 2 else 429, headers={"retry-after": "1"}, json={"detail": "busy"}
+            )
+
+    view.page.route("**/route/v1/foot/**", busy)
+    planners = ["expected", "shortest-path", "greedy-map", "snapshot", "random-progress"]
+    view.open(f"{ROUTE}&planners={','.join(planners)}")
+    rows = view.page.locator("#routes-body tr[aria-busy]")
+    expect(rows.filter(has_text="planning")).to_have_count(2)
+    expect(rows.filter(has_text="waiting")).to_have_count(3)
+    assert (len(held), refused) == (2, set())
+    for route in held:
+        busy(route)
+    expect(view.page.locator("#panel-routes")).to_have_attribute("aria-busy", "false", timeout=120000)
+    expect(view.page.locator("#routes-body").get_by_text("no answer")).to_have_count(0)
+    expect(view.page.locator("#alert")).to_be_hidden()
+    assert {each["planner"] for each in drawn(view, "routes")} == set(planners)
+
+
 def test_numbers_of_another_question_are_not_shown(opened):
     view = opened().open(ROUTE)
     rows = view.page.locator("#routes-body tr")

@@ -11,10 +11,13 @@ function address(path, query) {
   return url;
 }
 
-const TRIES = 5;
+const PATIENCE = 120; // seconds in which a busy server is asked again: the first questions of a kind take long
+const SOON = 2; // seconds that something waits which nothing calls off
+const LATER = 30; // and something that is called off when it is no longer wanted
+const SIDE_BY_SIDE = 2; // as many as a server answers of those that take long
 
 /** Wait, unless the answer is no longer wanted. */
-function pause(seconds, signal) {
+export function pause(seconds, signal) {
   return new Promise((done, stop) => {
     const timer = setTimeout(done, 1000 * seconds);
     signal?.addEventListener("abort", () => {
@@ -26,7 +29,8 @@ function pause(seconds, signal) {
 
 /** Fetch; where the server has too much to do it is asked again, as late as it says. */
 async function fetched(url, options) {
-  for (let turn = 1; ; turn += 1) {
+  const latest = performance.now() + 1000 * PATIENCE;
+  for (;;) {
     let response;
     try {
       response = await fetch(url, options);
@@ -35,8 +39,9 @@ async function fetched(url, options) {
       throw new Refusal("The server does not answer; it is tried again with the next request.");
     }
     const later = Number(response.headers.get("Retry-After"));
-    if (response.status !== 503 || turn === TRIES || !(later > 0 && later <= 5)) return response;
-    await pause(later * turn, options?.signal);
+    const busy = [429, 503].includes(response.status) && later > 0 && later <= (options?.signal ? LATER : SOON);
+    if (!busy || performance.now() > latest) return response;
+    await pause(later, options?.signal);
   }
 }
 
@@ -66,6 +71,15 @@ export const send = (method, path, body = undefined, signal = undefined) =>
     body: body === undefined ? undefined : JSON.stringify(body),
     headers: body === undefined ? {} : { "Content-Type": "application/json" },
   });
+
+/** Ask about each of some things, not about all at once. */
+export async function inTurn(things, ask) {
+  const left = [...things];
+  const next = async () => {
+    while (left.length > 0) await ask(left.shift());
+  };
+  await Promise.all(Array.from({ length: SIDE_BY_SIDE }, next));
+}
 
 /** Listen to the server's events; the browser connects again by itself. */
 export function listen(path, listeners) {

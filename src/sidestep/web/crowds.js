@@ -1,6 +1,6 @@
 // How crowded the streets are at the chosen time: fetched once, kept, and fetched ahead of the slider.
 
-import { get } from "./api.js";
+import { get, inTurn } from "./api.js";
 import { complain } from "./dom.js";
 import { asked, onChange, state, WEEK } from "./state.js";
 
@@ -65,21 +65,18 @@ export async function showCrowds({ anew = false } = {}) {
   }
 }
 
-/** Fetch every hour of a day, two at a time, so that the slider need not wait. */
+/** Fetch every hour of a day, so that the slider need not wait. */
 export async function fetchDay(day) {
   const turn = (ahead += 1);
   const hours = Array.from({ length: 24 }, (_, hour) => day * 1440 + hour * HOUR);
-  const next = async () => {
-    for (let at = hours.shift(); at !== undefined && turn === ahead; at = hours.shift()) {
-      try {
-        await fetched(at);
-      } catch {
-        return; // the chosen time says what is wrong
-      }
+  try {
+    await inTurn(hours, async (at) => {
+      if (turn === ahead) await fetched(at);
       if (turn === ahead) for (const listener of listeners.day) listener(day);
-    }
-  };
-  await Promise.all([next(), next()]);
+    });
+  } catch {
+    // the chosen time says what is wrong
+  }
 }
 
 /** Fetch the next times of the slider while it plays. */

@@ -1,6 +1,6 @@
 // Routes of several planners beside each other, and other ways of the one that searches by expected times.
 
-import { get, lonLat, send } from "./api.js";
+import { get, inTurn, lonLat, pause, send } from "./api.js";
 import { areas, avoidChoice } from "./avoid.js";
 import { DASHES } from "./colours.js";
 import { minutes, number, turnByTurn } from "./directions.js";
@@ -26,7 +26,8 @@ const OTHERS = {
 const WANTS = { time: "the least time", distance: "the fewest metres", exposure: "the fewest people" };
 const ASKED = ["from", "to", "at", "by", "avoid", "walker", "objective"];
 const ALTERNATIVES = 2;
-const LIVE = new Set(["snapshot", "forecast", "darp", "clairvoyant"]);
+const LIVE = new Set(["snapshot", "forecast", "darp", "clairvoyant"]); // these take longest
+const REST = 0.4; // seconds without another question, after which the slider rests
 
 let town = null;
 let planners = [];
@@ -36,6 +37,7 @@ let chosen = null; // the one that was clicked
 let asking = null;
 let framed = ""; // ends that were framed
 const found = new Map(); // planner -> {question, ends, asking, routes, error}
+const turns = new Set(); // planners that are being asked, the others wait
 
 /** What is asked of every planner: numbers are shown for that alone. */
 const question = () => JSON.stringify([ends(), areas(), state.at, state.by, state.walker, state.objective]);
@@ -157,7 +159,11 @@ function body() {
         onchange: (event) => compare(planner, event.target.checked),
       }),
     );
-    const waits = answer?.asking ? make("span", { class: "busy", text: "planning" }) : (answer?.error ?? "");
+    const waits = !answer?.asking
+      ? (answer?.error ?? "")
+      : turns.has(planner)
+        ? make("span", { class: "busy", text: "planning" })
+        : "waiting";
     const all = rowsOf(planner, answer?.routes ?? []);
     const [first, ...others] = all;
     return [
@@ -235,12 +241,6 @@ function choose(id) {
   show();
 }
 
-const rest = (milliseconds, signal) =>
-  new Promise((ready, stop) => {
-    setTimeout(ready, milliseconds);
-    signal.addEventListener("abort", () => stop(new DOMException("", "AbortError")));
-  });
-
 /** Show all of the routes: of a link closely, of ends on the map only where they are out of sight. */
 function frameRoutes() {
   const asking = state.planners.some((planner) => answerOf(planner).asking && !LIVE.has(planner));
@@ -263,9 +263,13 @@ const asRoute = (coordinates, options, signal) =>
         signal,
       );
 
-async function ask(planner, signal) {
+/** Ask one planner, for its route alone or for more about it, unless it has refused already. */
+async function ask(planner, details, signal) {
+  if (details && answerOf(planner).error) return;
   const what = { question: question(), ends: ends() };
   const due = deadline(chosenTime());
+  // By a deadline every departure is walked in all futures: how many is then the server's choice.
+  const futures = due !== null ? undefined : LIVE.has(planner) ? 10 : 100;
   const options = {
     depart_at: asked(due === null ? state.at : chosenTime()) ?? undefined,
     arrive_by: asked(due) ?? undefined,
@@ -275,32 +279,24 @@ async function ask(planner, signal) {
     overview: "full",
     geometries: "geojson",
     steps: true,
+    ...(details ? { alternatives: planner === "expected" ? ALTERNATIVES : 0, futures } : {}),
   };
-  const route = async (more) => {
-    const { routes } = await asRoute(what.ends, { ...options, ...more }, signal);
+  turns.add(planner);
+  show();
+  try {
+    const { routes } = await asRoute(what.ends, options, signal);
     found.set(planner, { ...what, asking: false, routes, error: null });
     complain(`route ${planner}`, null);
-    show();
-  };
-  try {
-    // Other planners take longer, so they wait for the slider to rest.
-    if (planner !== "expected" && found.has(planner)) await rest(350, signal);
-    await route({});
-    frameRoutes();
-    // Other ways, and how reliable it is, take longer: they are asked for when the route is there and the slider rests.
-    await rest(500, signal);
-    await route({
-      alternatives: planner === "expected" ? ALTERNATIVES : 0,
-      // By a deadline every departure is walked in them: how many is then the server's choice.
-      futures: due !== null ? undefined : LIVE.has(planner) ? 10 : 100,
-    });
   } catch (error) {
-    if (error.name === "AbortError") return;
-    if (!answerOf(planner).asking) return; // the route is there
+    if (error.name === "AbortError") throw error;
+    if (details) return; // the route is there
     found.set(planner, { ...what, asking: false, routes: [], error: "no answer" });
     complain(`route ${planner}`, error.message);
-    show();
+  } finally {
+    if (!signal.aborted) turns.delete(planner);
   }
+  show();
+  if (!details) frameRoutes();
 }
 
 /** All planners of the server, those that walkers would use first. */
@@ -309,11 +305,31 @@ export const knownPlanners = () => planners;
 const plan = settled(40, async () => {
   asking?.abort();
   asking = new AbortController();
+  const { signal } = asking;
+  turns.clear();
   for (const planner of planners) complain(`route ${planner}`, null);
   if (ends() === null) found.clear();
   else for (const planner of state.planners) if (found.has(planner)) found.get(planner).asking = true;
   show();
-  if (ends() !== null) await Promise.all(state.planners.map((planner) => ask(planner, asking.signal)));
+  if (ends() === null) return;
+  // What takes long is asked when the slider rests: other planners, other ways, and how reliable a route is.
+  const again = new Set(found.keys());
+  const rested = pause(REST, signal);
+  rested.catch(() => {}); // nobody may wait for it
+  const slow = (planner) => planner !== "expected" && again.has(planner);
+  try {
+    for (const live of [false, true]) {
+      const some = state.planners.filter((planner) => LIVE.has(planner) === live);
+      await inTurn(some, async (planner) => {
+        if (slow(planner)) await rested;
+        await ask(planner, false, signal);
+      });
+      await rested;
+      await inTurn(some, (planner) => ask(planner, true, signal));
+    }
+  } catch (error) {
+    if (error.name !== "AbortError") throw error;
+  }
 });
 
 /** Ask for the routes anew: crowds have changed. */
