@@ -425,9 +425,31 @@ def test_refusals_are_one_sentence(opened):
     view = opened(allowed=("status of 4",)).open("#from=25.5,60.9&to=24.948,60.1655&at=Sat-17:30")
     expect(view.page.locator("#alert")).to_be_visible()
     expect(view.page.locator("#alert-says")).to_contain_text(re.compile("street|town|250 m"))
-    expect(view.page.get_by_text("no answer")).to_have_count(2)  # each planner refuses, and says so
     view.page.click("#alert-close")
     expect(view.page.locator("#alert")).to_be_hidden()
+
+
+def test_a_message_that_is_closed_stays_closed_until_something_else_is_asked(opened):
+    view = opened(allowed=("status of 4",))
+    held = []
+    view.page.route("**/route/v1/foot/**", lambda route: held.append(route))  # noqa: PLW0108 # Playwright takes no builtin
+    view.open(ROUTE)
+    view.until(lambda: len(held) == 2)
+    alert, refused = view.page.locator("#alert"), view.page.locator("#routes-body").get_by_text("no answer")
+    for turn, route in enumerate(held, 1):
+        route.fulfill(status=400, json={"code": "InvalidValue", "message": "no such walk"})
+        expect(refused).to_have_count(turn)
+        if turn == 1:
+            expect(alert).to_be_visible()
+            view.page.click("#alert-close")
+        expect(alert).to_be_hidden()
+    view.page.unroute("**/route/v1/foot/**")
+    view.page.route(
+        "**/route/v1/foot/**",
+        lambda route: route.fulfill(status=400, json={"code": "InvalidValue", "message": "no such walk"}),
+    )
+    view.page.locator("#slider").fill("240")
+    expect(alert).to_be_visible()
 
 
 def test_without_webgl_the_tables_work(opened):

@@ -45,20 +45,22 @@ export function settled(milliseconds, call) {
 export const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 const announcements = new Map();
+const closed = new Set(); // sentences that the reader has closed, as long as they hold
 
 /** Show one sentence about what went wrong, or take back the one of the same topic (null). */
 export function complain(topic, sentence) {
   if (sentence === null) announcements.delete(topic);
   else announcements.set(topic, sentence);
-  const said = [...new Set(announcements.values())].at(-1) ?? "";
-  const box = byId("alert");
+  const all = new Set(announcements.values());
+  for (const each of closed) if (!all.has(each)) closed.delete(each);
+  const said = [...all].filter((each) => !closed.has(each)).at(-1) ?? "";
   if (byId("alert-says").textContent !== said) byId("alert-says").textContent = said;
-  box.hidden = said === "";
+  byId("alert").hidden = said === "";
 }
 
-/** Take back all of them. */
+/** Close all of them: none comes back until what it is about is asked anew. */
 export function forgive() {
-  announcements.clear();
+  for (const sentence of announcements.values()) closed.add(sentence);
   byId("alert-says").textContent = "";
   byId("alert").hidden = true;
 }

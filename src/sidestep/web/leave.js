@@ -205,12 +205,12 @@ const find = settled(150, async () => {
   };
   if (wanted === JSON.stringify(query)) return;
   wanted = JSON.stringify(query);
+  complain("when", null);
   asking?.abort();
   asking = new AbortController();
   box.replaceChildren(make("p", { class: "note busy", role: "status", text: "Walking through simulated futures …" }));
   try {
     const found = await get("when", query, asking.signal);
-    complain("when", null);
     shown = { first, minutes };
     show(found, first);
   } catch (error) {

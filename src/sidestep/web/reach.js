@@ -64,6 +64,7 @@ function show(found) {
 }
 
 const find = settled(120, async () => {
+  complain("isochrone", null);
   if (state.tab !== "reach" || state.from === null) {
     asking?.abort();
     paint("reach", []);
@@ -82,7 +83,6 @@ const find = settled(120, async () => {
       { origin: lonLat(state.from), minutes: MINUTES.join(","), depart_at: asked(state.at), walker: state.walker },
       asking.signal,
     );
-    complain("isochrone", null);
     show(found);
   } catch (error) {
     if (error.name === "AbortError") return;

@@ -307,7 +307,9 @@ const plan = settled(40, async () => {
   asking = new AbortController();
   const { signal } = asking;
   turns.clear();
-  for (const planner of planners) complain(`route ${planner}`, null);
+  for (const planner of planners)
+    if (!state.planners.includes(planner) || found.get(planner)?.question !== question())
+      complain(`route ${planner}`, null);
   if (ends() === null) found.clear();
   else for (const planner of state.planners) if (found.has(planner)) found.get(planner).asking = true;
   show();

@@ -195,6 +195,7 @@ async function start() {
   stop();
   byId("walk-log").replaceChildren();
   starting = true;
+  complain("walk", null);
   show();
   try {
     const begins = state.at ?? (await get("clock")).now.slice(0, 19);
@@ -206,7 +207,6 @@ async function start() {
       ...(state.walker ? { walker: state.walker } : {}),
       ...(state.objective ? { objective: state.objective } : {}),
     });
-    complain("walk", null);
     const line = begun.route.geometry.coordinates;
     const current = {
       id: begun.id,
