@@ -72,8 +72,6 @@ function showTown(town) {
 
 async function start() {
   startTheme();
-  Object.assign(state, readLink(location.hash));
-  startTabs();
   startButtons();
   startSheet();
   performance.mark("asked");
@@ -88,11 +86,15 @@ async function start() {
   }
   town.name ??= town.scenario.charAt(0).toUpperCase() + town.scenario.slice(1);
   showTown(town);
-  if (!town.timed) {
-    // There is nothing but the start to choose.
-    Object.assign(state, { at: null, by: "" });
-    document.documentElement.dataset.timed = "no";
-  }
+  if (!town.timed) document.documentElement.dataset.timed = "no"; // there is nothing but the start to choose
+  const followed = () => {
+    const { found, wrong } = readLink(location.hash, town);
+    const said = wrong.map((pair) => pair.join("=").slice(0, 60)).join(", ");
+    complain("link", said === "" ? null : `These parts of the link make no sense here and are left out: ${said}.`);
+    return found;
+  };
+  Object.assign(state, followed());
+  startTabs();
   startCrowds(town);
   const time = await startTime(town);
   startPlaces(town);
@@ -112,9 +114,9 @@ async function start() {
   startCounts(town, streets.features, replan);
   showCrowds();
   addEventListener("hashchange", () => {
-    const link = readLink(location.hash);
+    const link = followed();
     goTo(link.camera);
-    change(town.timed ? link : { ...link, at: null, by: "" });
+    change(link);
   });
   await startMap(town, streets, library);
   performance.mark("drawn");

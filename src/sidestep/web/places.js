@@ -41,6 +41,10 @@ export function combobox(end) {
   const id = `end-${end}`;
   const [sign, word] = ENDS[end];
   const known = () => (end === "avoid" ? null : state[end]);
+  const notFound = (text) => {
+    const stands = known() && `, so the walk still ${end === "from" ? "begins" : "ends"} at ${inWords(known())}`;
+    complain("search", `No street here is called “${text}”${stands ?? ""}; type a part of its name, or coordinates.`);
+  };
   const input = make("input", {
     id,
     type: "text",
@@ -109,8 +113,9 @@ export function combobox(end) {
     offered = text;
     if (entered) {
       entered = false;
+      options = [];
       if (found.length > 0) choose(found[0]);
-      else complain("search", `No street here is called “${text}”; type a part of its name, or coordinates.`);
+      else notFound(text);
       return;
     }
     const before = options[at]?.says; // stays chosen where it is still found
@@ -185,6 +190,8 @@ export function combobox(end) {
     // Only a click on the map that follows at once is for this end.
     if (event.relatedTarget && !event.relatedTarget.closest("#map")) expectClick(null);
     close();
+    const text = input.value.trim();
+    if (text !== "" && offered === text && options.length === 0) notFound(text);
     input.value = known() ? inWords(known()) : "";
   });
   input.addEventListener("keydown", (event) => {
@@ -198,6 +205,7 @@ export function combobox(end) {
       if (at >= 0) choose(options[at]);
       else if (input.value.trim() !== "") {
         entered = true;
+        complain("search", null);
         search();
       }
     } else if (event.key === "Escape") {

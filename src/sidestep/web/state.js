@@ -80,36 +80,51 @@ function readPlace(text) {
   return Math.abs(lon) <= 180 && Math.abs(lat) <= 90 ? { lon, lat, name: "" } : null;
 }
 
-/** Areas to avoid that are written as longitude, latitude and metres. */
-function readAreas(text) {
-  return (text ?? "")
-    .split(";")
-    .map((area) => {
-      const [, place, metres] = /^(.*),(\d+)$/.exec(area) ?? [];
-      return { ...readPlace(place), metres: Number(metres) };
-    })
-    .filter(({ lon, metres }) => lon !== undefined && SIZES.includes(metres))
-    .slice(0, MOST_AREAS);
+/** An area to avoid that is written as longitude, latitude and metres, or null. */
+function readArea(text) {
+  const [, place, metres] = /^(.*),(\d+)$/.exec(text) ?? [];
+  const middle = readPlace(place);
+  return middle && SIZES.includes(Number(metres)) ? { ...middle, metres: Number(metres) } : null;
 }
 
-/** Read the link; what it does not hold, or holds wrongly, stays as it is by default. */
-export function readLink(hash) {
+/** What part of the map is seen, or null. */
+function readCamera(text) {
+  const [zoom, lat, lon] = text.split("/").map(Number);
+  return [zoom, lat, lon].every(Number.isFinite) ? { zoom, lat, lon } : null;
+}
+
+const oneOf = (words) => (text) => (words.includes(text) ? text : null);
+const matching = (pattern) => (text) => (pattern.test(text) ? text : null);
+
+/**
+ * Read the link. What it does not hold stays as it is by default; so does what it holds wrongly, which `wrong` lists.
+ */
+export function readLink(hash, town) {
   const link = new URLSearchParams(hash.replace(/^#/, ""));
-  const [zoom, lat, lon] = (link.get("map") ?? "").split("/").map(Number);
-  const planners = (link.get("planners") ?? "").split(",").filter((name) => /^[\w:.-]{1,60}$/.test(name));
-  const word = (name) => (/^[\w=., -]{1,60}$/.test(link.get(name) ?? "") ? link.get(name) : "");
-  return {
-    from: readPlace(link.get("from")),
-    to: readPlace(link.get("to")),
-    at: readTime(link.get("at")),
-    by: /^([01]\d|2[0-3]):[0-5]\d$/.test(link.get("by") ?? "") ? link.get("by") : "",
-    avoid: readAreas(link.get("avoid")),
-    planners: planners.length > 0 ? planners.slice(0, 8) : state.planners,
-    walker: word("walker"),
-    objective: word("objective"),
-    tab: TABS.includes(link.get("tab")) ? link.get("tab") : "routes",
-    camera: [zoom, lat, lon].every(Number.isFinite) && link.has("map") ? { zoom, lat, lon } : null,
+  const wrong = [];
+  const several = (name, between, most, read) => {
+    const parts = (link.get(name) ?? "").split(between).filter((part) => part !== "");
+    link.delete(name);
+    const values = parts.map(read);
+    parts.forEach((part, turn) => (values[turn] === null || turn >= most) && wrong.push([name, part]));
+    return values.slice(0, most).filter((value) => value !== null);
   };
+  const one = (name, read) => several(name, undefined, 1, read)[0];
+  const timed = (read) => (town.timed ? read : () => null);
+  const planners = several("planners", ",", town.planners.length, oneOf(town.planners));
+  const found = {
+    from: one("from", readPlace) ?? null,
+    to: one("to", readPlace) ?? null,
+    at: one("at", timed(readTime)) ?? null,
+    by: one("by", timed(matching(/^([01]\d|2[0-3]):[0-5]\d$/))) ?? "",
+    avoid: several("avoid", ";", MOST_AREAS, readArea),
+    planners: planners.length > 0 ? planners : state.planners.filter((planner) => town.planners.includes(planner)),
+    walker: one("walker", oneOf(town.walkers)) ?? "",
+    objective: one("objective", matching(/^[\w=., -]{1,60}$/)) ?? "", // the server says what is wrong about it
+    tab: one("tab", oneOf(TABS)) ?? "routes",
+    camera: one("map", readCamera) ?? null,
+  };
+  return { found, wrong: [...wrong, ...link] };
 }
 
 /** The link of what is shown. */
