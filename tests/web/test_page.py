@@ -92,6 +92,28 @@ def test_the_sheet_leaves_the_route_in_sight(opened):
     expect(view.page.locator("#panel")).to_have_attribute("data-sheet", "half")
 
 
+def test_what_is_shown_beside_a_raised_sheet_is_not_tiny(opened):
+    view = opened("phone", reduced_motion="reduce").open(f"#from={FROM}&to={TO}&at=Sat-17:30")
+    view.page.click("#tab-reach")
+    expect(view.page.locator("#reach-found tbody tr")).to_have_count(3, timeout=60000)
+    view.until(lambda: drawn(view, "reach-area"))
+    view.page.click("#sheet")  # as high as it goes
+    expect(view.page.locator("#panel")).to_have_attribute("data-sheet", "high")
+    assert view.get(CAMERA)[2] > 11.5  # which still shows the area that one reaches
+    view.page.click("#tab-walk")
+    view.page.click("#walk-start")
+    expect(view.page.locator("#walk-log li").first).to_be_visible(timeout=60000)
+    view.page.click("#sheet")
+    view.until(lambda: view.get(CAMERA)[2] > 14)  # the walk is framed again
+
+
+def test_the_hint_stands_below_the_time(opened):
+    view = opened("phone").open("#at=Sat-17:30&tab=crowds")
+    expect(view.page.locator("#mark-sensor")).to_be_visible()  # which makes the card of the time higher
+    time, hint = (view.page.locator(part).bounding_box() for part in (".time", "#hint"))
+    assert hint["y"] >= time["y"] + time["height"]
+
+
 @BOTH
 def test_the_slider_changes_the_colours_of_streets(opened, size):
     view = opened(size).open("#at=Sat-04:00")

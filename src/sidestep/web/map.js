@@ -70,11 +70,12 @@ function padding() {
     space.bottom += Math.max(0, area.bottom - panel.top);
   }
   space.right += 24;
-  if (space.bottom + space.top > area.height - 60) space.bottom = Math.max(20, area.height - space.top - 60);
   return space;
 }
 
 let framed = []; // what is to be seen, until the reader moves the map
+let ours = false; // whether this page chose what part of the map is seen
+const hasRoom = ({ top, bottom }) => map.getCanvas().clientHeight - top - bottom > 100; // not below a raised sheet
 
 /** Show all of some coordinates, as soon as there is a map. */
 export function frame(coordinates, { keep = false } = {}) {
@@ -84,13 +85,23 @@ export function frame(coordinates, { keep = false } = {}) {
     (found, point) => found.extend(point),
     new gl.LngLatBounds(coordinates[0], coordinates[0]),
   );
-  if (keep && inView(bounds)) return;
-  map.fitBounds(bounds, { padding: padding(), maxZoom: 16.5, duration: calm() ? 0 : 600 });
+  const space = padding();
+  if (!hasRoom(space)) return; // once there is, it is framed again
+  if (keep && inView(bounds) && !(ours && isSmall(bounds, space))) return;
+  ours = true;
+  map.fitBounds(bounds, { padding: space, maxZoom: CLOSEST, duration: calm() ? 0 : 600 });
+}
+
+/** Whether something would fill the space that is free if it were shown three times as large. */
+function isSmall(bounds, space) {
+  const fitting = map.cameraForBounds(bounds, { padding: space, maxZoom: CLOSEST });
+  return fitting !== undefined && fitting.zoom > map.getZoom() + Math.log2(3);
 }
 
 /** See to it that what is to be seen is so, since there is another space for it. */
 export const frameAgain = () => frame(framed, { keep: true });
 
+const CLOSEST = 16.5; // zoom of what is very small
 const SLACK = 20; // px of the margins in which something is still seen well
 
 function inView(bounds) {
@@ -117,8 +128,11 @@ const wholeTown = () => {
 
 /** Move the view to a place. */
 export const lookAt = (place) => {
-  if (map && !inView(new gl.LngLatBounds([place.lon, place.lat], [place.lon, place.lat])))
-    map.easeTo({ center: [place.lon, place.lat], duration: calm() ? 0 : 400, padding: padding() });
+  const center = [place.lon, place.lat];
+  const space = padding();
+  if (!map || !hasRoom(space) || inView(new gl.LngLatBounds(center, center))) return;
+  const offset = [(space.left - space.right) / 2, (space.top - space.bottom) / 2];
+  map.easeTo({ center, offset, duration: calm() ? 0 : 400 });
 };
 
 /** Show the part of the town that a link names. */
@@ -334,7 +348,7 @@ export async function startMap(facts, geometry, library) {
     );
   if (state.camera) goTo(state.camera);
   else frame(framed);
-  map.on("movestart", ({ originalEvent }) => originalEvent && (framed = []));
+  map.on("movestart", ({ originalEvent }) => originalEvent && ([framed, ours] = [[], false]));
   map.on("moveend", () => {
     const { lng, lat } = map.getCenter();
     change({ camera: { zoom: map.getZoom(), lat, lon: lng } });

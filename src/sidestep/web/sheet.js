@@ -17,6 +17,11 @@ export function startSheet() {
     if (calm()) frameAgain(); // nothing moves whose end could be waited for
   };
   set("low");
+  // The sheet, hints and messages leave free what the time takes, which is higher where it has more to explain.
+  const time = document.querySelector(".time");
+  const below = () =>
+    document.documentElement.style.setProperty("--below-time", `${time.getBoundingClientRect().bottom}px`);
+  new ResizeObserver(below).observe(time);
   panel.addEventListener("transitionend", (event) => event.target === panel && frameAgain());
   let drag = null;
   handle.addEventListener("pointerdown", (event) => {
