@@ -218,6 +218,28 @@ def test_numbers_of_another_question_are_not_shown(opened):
     expect(first_row(view)).to_have_attribute("aria-busy", "true")
 
 
+@BOTH
+def test_large_numbers_stay_in_their_columns(opened, size):
+    view = opened(size)
+
+    def crowded(route) -> None:
+        answer = route.fetch()
+        said = answer.json()
+        for turn, each in enumerate(said["routes"]):
+            each |= {"people_met": 98_765 * 40**turn, "distance": 98_765, "duration": 60_000}
+        route.fulfill(response=answer, json=said)
+
+    view.page.route("**/route/v1/foot/**", crowded)
+    view.open(f"{ROUTE}&planners=expected")
+    view.page.click("#tab-routes")
+    expect(view.page.locator("#routes-body").get_by_text("98.8K").first).to_be_visible()
+    expect(view.page.locator("#routes-body").get_by_text("3.95M")).to_be_visible(timeout=60000)
+    wide = """() => [...document.querySelectorAll("#routes-body td")]
+      .filter((cell) => cell.scrollWidth > cell.clientWidth || cell.getBoundingClientRect().right > innerWidth)
+      .map((cell) => cell.textContent)"""
+    assert view.get(wide) == []
+
+
 def test_the_best_time_to_leave(opened):
     view = opened().open(f"{ROUTE}&tab=leave")
     expect(view.page.locator(".curve")).to_be_visible(timeout=60000)

@@ -11,6 +11,12 @@ export const minutes = (seconds) => {
 /** A whole number. */
 export const number = (value) => Math.round(value).toLocaleString("en");
 
+/** A whole number for a narrow column. */
+export const short = (value) =>
+  value < 9999.5
+    ? number(value)
+    : value.toLocaleString("en", { notation: "compact", maximumSignificantDigits: 3 });
+
 const ARROWS = {
   left: "M17 19v-7a4 4 0 0 0-4-4H6m0 0 4-4M6 8l4 4",
   right: "M7 19v-7a4 4 0 0 1 4-4h7m0 0-4-4m4 4-4 4",

@@ -3,7 +3,7 @@
 import { get, inTurn, lonLat, pause, send } from "./api.js";
 import { areas, avoidChoice } from "./avoid.js";
 import { DASHES } from "./colours.js";
-import { minutes, number, turnByTurn } from "./directions.js";
+import { minutes, number, short, turnByTurn } from "./directions.js";
 import { byId, coloured, complain, draw, make, settled } from "./dom.js";
 import { frame, paint } from "./map.js";
 import { asked, change, deadline, onChange, state } from "./state.js";
@@ -108,8 +108,8 @@ function cells({ route }, best) {
       state.by ? make("small", { text: `leave ${/\d\d:\d\d/.exec(route.departs)?.[0]}` }) : null,
       Number.isFinite(route.p90) ? make("small", { text: `9 in 10: ${minutes(route.p90)}` }) : null,
     ),
-    cell("distance", number(route.distance)),
-    cell("people_met", Number.isFinite(route.people_met) ? number(route.people_met) : "–"),
+    cell("distance", short(route.distance)),
+    cell("people_met", Number.isFinite(route.people_met) ? short(route.people_met) : "–"),
   ];
 }
 
