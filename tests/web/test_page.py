@@ -293,6 +293,28 @@ def test_areas_are_avoided_and_stand_in_the_link(opened):
     view.until(lambda: "avoid=" not in view.page.url)
 
 
+def test_all_of_a_street_is_avoided_but_may_be_crossed(opened):
+    view = opened(allowed=("status of 4",)).open(
+        "#from=24.936,60.1715&to=24.9445,60.1658&at=Sat-17:30&planners=shortest-path"
+    )
+    steps = view.page.locator("#directions li")
+    expect(steps.filter(has_text="Mannerheimintie").first).to_be_visible()
+    view.page.get_by_text("Areas to avoid", exact=True).click()
+    box = view.page.locator("#end-avoid")
+    box.fill("mannerheimint")
+    box.press("Enter")
+    expect(view.page.locator(".areas li")).to_contain_text("Mannerheimintie")
+    view.until(lambda: "avoid=street:Mannerheimintie&" in view.page.url)
+    expect(steps.last).to_contain_text("Arrive", timeout=60000)
+    expect(steps.filter(has_text="Mannerheimintie")).to_have_count(0)
+    other = opened().open(f"#{view.page.url.partition('#')[2]}")
+    expect(other.page.locator("#directions li").last).to_contain_text("Arrive", timeout=60000)
+    expect(other.page.locator("#directions li").filter(has_text="Mannerheimintie")).to_have_count(0)
+    view.until(lambda: drawn(other, "avoid-area"))
+    other.get("(link) => { location.hash = link; }", f"#from={FROM}&to={TO}&avoid=street:Nowhere")
+    expect(other.page.locator("#alert-says")).to_contain_text("Nowhere")
+
+
 def test_how_far_one_gets(opened):
     view = opened().open(f"#from={FROM}&at=Sat-17:30&tab=reach")
     expect(view.page.locator("#reach-found tbody tr")).to_have_count(3, timeout=60000)

@@ -1,17 +1,39 @@
-// Areas that routes keep out of: a circle round each place that is chosen on the map or by its street.
+// Areas that routes keep out of: a circle round each place that is chosen on the map, or all of a street.
 
-import { byId, icon, make } from "./dom.js";
-import { circle } from "./line.js";
+import { byId, complain, icon, make } from "./dom.js";
+import { circle, strips } from "./line.js";
 import { paint } from "./map.js";
 import { combobox, CROSS, inWords, name } from "./places.js";
 import { change, onChange, SIZES, state } from "./state.js";
 
-const features = () => state.avoid.map((area) => ({ type: "Feature", properties: {}, geometry: circle(area) }));
+const ENDS = 6; // metres from crossings, where a street that is avoided may be crossed
+let geometry = null; // promise of the streets, and then
+let streets = [];
+
+/** Resolves when it is known where the streets are that are avoided. */
+export const known = () => (state.avoid.some(({ street }) => street) ? geometry : null);
+
+/** All parts of a street. Crossings stay open, or a long street would be a wall. */
+const wholeStreet = (name) => ({
+  type: "MultiPolygon",
+  coordinates: streets
+    .filter(({ properties }) => properties.name === name)
+    .flatMap(({ geometry }) => strips(geometry.coordinates, ENDS)),
+});
+
+const features = () =>
+  state.avoid
+    .map((area) => (area.street ? wholeStreet(area.street) : circle(area)))
+    .filter(({ coordinates }) => coordinates.length > 0)
+    .map((geometry) => ({ type: "Feature", properties: {}, geometry }));
 
 /** The areas as the server takes them. */
-export const areas = () => (state.avoid.length > 0 ? { type: "FeatureCollection", features: features() } : undefined);
+export function areas() {
+  const all = features();
+  return all.length > 0 ? { type: "FeatureCollection", features: all } : undefined;
+}
 
-function row(area, turn) {
+function sizeOf(area, turn) {
   const resized = (metres) => state.avoid.map((each) => (each === area ? { ...area, metres } : each));
   const size = make(
     "select",
@@ -20,17 +42,21 @@ function row(area, turn) {
   );
   size.value = String(area.metres);
   size.addEventListener("change", () => change({ avoid: resized(Number(size.value)) }));
-  return make(
+  return size;
+}
+
+const row = (area, turn) =>
+  make(
     "li",
     {},
-    make("span", { text: inWords(area) }),
-    size,
+    make("span", { text: area.street ?? inWords(area) }),
+    area.street ? make("small", { text: "all of it" }) : sizeOf(area, turn),
     make(
       "button",
       {
         type: "button",
         class: "quiet",
-        "aria-label": `Avoid ${inWords(area)} no more`,
+        "aria-label": `Avoid ${area.street ?? inWords(area)} no more`,
         onclick: () => {
           change({ avoid: state.avoid.filter((each) => each !== area) });
           byId("end-avoid").focus();
@@ -39,10 +65,9 @@ function row(area, turn) {
       icon(CROSS),
     ),
   );
-}
 
-/** The control for them, which also draws them. */
-export function avoidChoice() {
+/** The control for them, which also draws them; streets come when they are there. */
+export function avoidChoice(coming) {
   const list = make("ul", { class: "areas", "aria-label": "Areas to avoid" });
   const box = make(
     "details",
@@ -59,12 +84,19 @@ export function avoidChoice() {
   const changed = () => {
     show();
     paint("avoid", features());
+    const names = new Set(streets.map(({ properties }) => properties.name));
+    const [missing] = state.avoid.filter(({ street }) => street && names.size > 0 && !names.has(street));
+    complain("avoid", missing ? `No street here is called “${missing.street}”, so none is avoided for it.` : null);
     if (state.avoid.length > 0) box.open = true;
     byId("mark-avoid").hidden = state.avoid.length === 0;
     for (const note of document.querySelectorAll(".routes-only")) note.hidden = state.avoid.length === 0;
-    for (const area of state.avoid) name(area, show);
+    for (const area of state.avoid) if (!area.street) name(area, show);
   };
   onChange((names) => names.has("avoid") && changed());
   changed();
+  geometry = coming.then(({ features }) => {
+    streets = features;
+    changed();
+  });
   return box;
 }

@@ -37,6 +37,32 @@ export function along(line, metres) {
   return line.at(-1);
 }
 
+/** A rectangle along each straight part of a line, which ends some metres (a third of a short line) before its ends. */
+export function strips(line, end) {
+  const cut = Math.min(end, length(line) / 3);
+  const [half, last] = [cut / 2, length(line) - cut]; // streets that meet it at 30° or more stay outside
+  const found = [];
+  let walked = 0;
+  line.slice(1).forEach((point, turn) => {
+    const part = metresBetween(line[turn], point);
+    const [begin, stop] = [Math.max(cut - walked, 0), Math.min(last - walked, part)];
+    walked += part;
+    if (begin >= stop) return;
+    const [one, other] = [along([line[turn], point], begin), along([line[turn], point], stop)];
+    const [high, wide] = [half / METRES, half / METRES / Math.cos((one[1] * Math.PI) / 180)];
+    const angle = (bearing(one, other) * Math.PI) / 180;
+    const [x, y] = [wide * Math.cos(angle), -high * Math.sin(angle)];
+    const ring = [
+      [one[0] - x, one[1] - y],
+      [other[0] - x, other[1] - y],
+      [other[0] + x, other[1] + y],
+      [one[0] + x, one[1] + y],
+    ];
+    found.push([[...ring, ring[0]]]);
+  });
+  return found;
+}
+
 /** A polygon of all points that are some metres from a place. */
 export function circle({ lon, lat, metres }, corners = 24) {
   const [high, wide] = [metres / METRES, metres / METRES / Math.cos((lat * Math.PI) / 180)];

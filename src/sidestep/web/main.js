@@ -75,8 +75,12 @@ async function start() {
   startButtons();
   startSheet();
   performance.mark("asked");
-  const [geometry, library] = [get("streets"), loadMap()];
-  for (const coming of [geometry, library]) coming.catch(() => {}); // said where they are awaited
+  const library = loadMap();
+  library.catch(() => {}); // said where it is awaited
+  const geometry = get("streets").catch((error) => {
+    complain("streets", error.message);
+    return { type: "FeatureCollection", features: [] };
+  });
   let town;
   try {
     town = await get("town");
@@ -98,17 +102,12 @@ async function start() {
   startCrowds(town);
   const time = await startTime(town);
   startPlaces(town);
-  startRoutes(town);
+  startRoutes(town, geometry);
   startLeave();
   startReach();
   startWalk();
   performance.mark("usable");
-  let streets = { type: "FeatureCollection", features: [] };
-  try {
-    streets = await geometry;
-  } catch (error) {
-    complain("streets", error.message);
-  }
+  const streets = await geometry;
   const metres = [];
   for (const { properties } of streets.features) metres[properties.street] = properties.metres;
   startCounts(town, streets.features, replan);

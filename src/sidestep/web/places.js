@@ -104,7 +104,7 @@ export function combobox(end) {
     input.value = end === "avoid" ? "" : inWords(place);
     offered = input.value;
     expectClick(null);
-    put(end, place);
+    put(end, end === "avoid" && option.streets ? { street: option.says } : place);
     lookAt(place);
   }
 

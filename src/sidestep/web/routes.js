@@ -1,7 +1,7 @@
 // Routes of several planners beside each other, and other ways of the one that searches by expected times.
 
 import { get, inTurn, lonLat, pause, send } from "./api.js";
-import { areas, avoidChoice } from "./avoid.js";
+import { areas, avoidChoice, known } from "./avoid.js";
 import { DASHES } from "./colours.js";
 import { minutes, number, short, turnByTurn } from "./directions.js";
 import { byId, coloured, complain, draw, make, settled } from "./dom.js";
@@ -314,6 +314,8 @@ const plan = settled(40, async () => {
   else for (const planner of state.planners) if (found.has(planner)) found.get(planner).asking = true;
   show();
   if (ends() === null) return;
+  await known();
+  if (signal.aborted) return;
   // What takes long is asked when the slider rests: other planners, other ways, and how reliable a route is.
   const again = new Set(found.keys());
   const rested = pause(REST, signal);
@@ -358,8 +360,8 @@ function choice(id, label, options, name) {
   return make("div", { class: "choice" }, make("label", { for: id, text: label }), select);
 }
 
-/** Begin. */
-export function startRoutes(facts) {
+/** Begin; streets come when they are there. */
+export function startRoutes(facts, streets) {
   town = facts;
   if (state.camera) framed = ends(); // the link says what is seen
   const order = [...Object.keys(SAYS), ...Object.keys(OTHERS)];
@@ -368,8 +370,8 @@ export function startRoutes(facts) {
     ...town.planners.filter((planner) => !order.includes(planner)),
   ];
   planners = [...new Set(planners)];
-  const known = planners.filter((planner) => state.planners.includes(planner));
-  change({ planners: known.length > 0 ? known : planners.slice(0, 1) });
+  const compared = planners.filter((planner) => state.planners.includes(planner));
+  change({ planners: compared.length > 0 ? compared : planners.slice(0, 1) });
   const table = make(
     "table",
     { class: "planners" },
@@ -426,7 +428,7 @@ export function startRoutes(facts) {
       choice("objective", "Prefer", town.objectives, "objective"),
       deadlineChoice("arrive-by"),
     ),
-    avoidChoice(),
+    avoidChoice(streets),
     make("div", { id: "directions" }),
   );
   onChange((changed) => {

@@ -11,7 +11,7 @@ export const state = {
   to: null,
   at: null, // minutes of the week, Monday 0:00 is 0; null: now
   by: "", // when to be there, such as "18:30"
-  avoid: [], // {lon, lat, metres, name}: routes keep that far from there
+  avoid: [], // {lon, lat, metres, name}: routes keep that far from there; or {street}: they keep off a street of that name
   planners: ["expected", "shortest-path"],
   walker: "",
   objective: "",
@@ -40,7 +40,9 @@ const MOST_AREAS = 10;
 /** Take a place as an end, or as the middle of one more area to avoid. */
 export const put = (end, place) =>
   change(
-    end === "avoid" ? { avoid: [...state.avoid, { metres: SIZES[1], ...place }].slice(-MOST_AREAS) } : { [end]: place },
+    end === "avoid"
+      ? { avoid: [...state.avoid, place.street ? place : { metres: SIZES[1], ...place }].slice(-MOST_AREAS) }
+      : { [end]: place },
   );
 
 const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
@@ -80,8 +82,11 @@ function readPlace(text) {
   return Math.abs(lon) <= 180 && Math.abs(lat) <= 90 ? { lon, lat, name: "" } : null;
 }
 
-/** An area to avoid that is written as longitude, latitude and metres, or null. */
+const STREET = "street:";
+
+/** An area to avoid that is written as longitude, latitude and metres, or as a street; or null. */
 function readArea(text) {
+  if (text.startsWith(STREET)) return { street: text.slice(STREET.length).replaceAll("%3B", ";") };
   const [, place, metres] = /^(.*),(\d+)$/.exec(text) ?? [];
   const middle = readPlace(place);
   return middle && SIZES.includes(Number(metres)) ? { ...middle, metres: Number(metres) } : null;
@@ -130,12 +135,14 @@ export function readLink(hash, town) {
 /** The link of what is shown. */
 export function writeLink() {
   const place = (end) => (end === null ? "" : `${end.lon.toFixed(6)},${end.lat.toFixed(6)}`);
+  const area = ({ street, ...circle }) =>
+    street ? `${STREET}${street.replaceAll(";", "%3B")}` : `${place(circle)},${circle.metres}`;
   const said = {
     from: place(state.from),
     to: place(state.to),
     at: asked(state.at)?.replace(" ", "-") ?? "",
     by: state.by,
-    avoid: state.avoid.map((area) => `${place(area)},${area.metres}`).join(";"),
+    avoid: state.avoid.map(area).join(";"),
     planners: state.planners.join(","),
     walker: state.walker,
     objective: state.objective,
