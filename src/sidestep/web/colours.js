@@ -1,4 +1,4 @@
-// Colours of the map, which style.css has, and the theme.
+// Colours of the map, which base.css has, and the theme.
 
 export const DASHES = [
   [1, 0],
