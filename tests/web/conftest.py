@@ -15,10 +15,11 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from sidestep.crowds.crowd_table import save_crowd_table
 from sidestep.crowds.table_reader import read_table
@@ -211,8 +212,21 @@ class View:
         return self.get(CLASSES, self.server.streets)
 
 
+@pytest.fixture(scope="module")
+def contexts(chromium: Browser) -> Callable[..., BrowserContext]:
+    """What pages of one size share: files that were fetched and compiled once, the clock and what is remembered."""
+
+    @cache
+    def make(size: str, alone: str, **options: object) -> BrowserContext:  # noqa: ARG001 # a key of the cache
+        return chromium.new_context(viewport=SIZES[size], has_touch=size == "phone", **options)
+
+    return make
+
+
 @pytest.fixture
-def opened(chromium: Browser, server: Server) -> Iterator[Callable[..., View]]:
+def opened(
+    contexts: Callable[..., BrowserContext], server: Server, request: pytest.FixtureRequest
+) -> Iterator[Callable[..., View]]:
     """Pages in a browser: none may ask another host, or complain on its console, unless a test says what it may say."""
     views: list[tuple[View, tuple[str, ...]]] = []
 
@@ -220,14 +234,14 @@ def opened(chromium: Browser, server: Server) -> Iterator[Callable[..., View]]:
         size: str = "desktop",
         *,
         allowed: tuple[str, ...] = (),
+        alone: bool = False,
         init: str = "",
         server: Server = server,
         **options: object,
     ) -> View:
-        context = chromium.new_context(viewport=SIZES[size], has_touch=size == "phone", **options)
+        view = View(contexts(size, request.node.name if alone else "", **options).new_page(), server)
         if init:
-            context.add_init_script(init)
-        view = View(context.new_page(), server)
+            view.page.add_init_script(init)
         view.page.on("request", lambda request: view.requested.append(request.url))
         view.page.on("pageerror", lambda error: view.errors.append(str(error)))
         view.page.on("console", lambda message: message.type == "error" and view.errors.append(message.text))
@@ -236,7 +250,7 @@ def opened(chromium: Browser, server: Server) -> Iterator[Callable[..., View]]:
 
     yield make
     for view, allowed in views:
-        view.page.context.close()
+        view.page.close()
         assert [
             url for url in view.requested if not url.startswith((f"{view.server.address}/", "blob:", "data:"))
         ] == []
