@@ -50,7 +50,7 @@ other planner states its level and is compared with those of the same level.
 | level | what the walker observes (`sidestep.environment.types.Observation`) | its own estimate of the time to the destination | planners of the level |
 |---|---|---|---|
 | `position` | the crossing, x and y (m), the exits that may be taken | none | `random-walk`, `random-progress` |
-| `local` | + the clock (s) and the way to the destination (m); for each segment that leaves: its length (m), the time to cross it in the crowd and with the gates and lights seen now (s), where it leads (m), how many steps ago its end was left (eight crossings are remembered) | each segment as seen now, then a straight line at free speed | `greedy-local` |
+| `local` | + the clock (s) and the way to the destination (m); for each segment that leaves: its length (m), the time to cross it in the crowd and with the gates and lights seen now (s), where it leads (m), how many steps ago its end was left (eight crossings are remembered) | each segment as seen now, then a straight line at free speed | `greedy-local`, `lrta-star` |
 | `map` | + for each segment that leaves: its expected time now (s), and the expected time from its end to the destination (s) | each segment as seen now, then the path of least expected time | `shortest-path`, `expected`, `greedy-map` |
 | `live` | + for each segment that leaves: the time to the destination if all crowds stay as counted now, and if they go on as forecast (s) | the forecast | `snapshot`, `forecast` |
 | hindsight | the whole future | | `clairvoyant`, which nobody beats |

@@ -69,7 +69,7 @@ def test_in_pipes_nothing_is_left_out(compared, capsys, monkeypatch) -> None:
 @pytest.mark.parametrize(
     ("command", "names", "widths"),
     [
-        (("planners",), [*PLANNERS, "greedy-local", "darp", "tabular-q"], WIDTHS),
+        (("planners",), [*PLANNERS, "greedy-local", "lrta-star", "darp", "tabular-q"], WIDTHS),
         (("scenarios",), list(BUILT_IN), WIDTHS),
         (("walkers",), list(WALKERS), WIDTHS),
         (("counts", "c.csv", "--out", "clean.csv"), ["dead sensor", "a-sensor-with-a-long-name"], WIDTHS),

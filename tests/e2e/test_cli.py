@@ -17,8 +17,8 @@ from sidestep.experiments import demo, paper
 GRID = ("paper-congested", "--side", 3, "--crowded-nodes", 1)
 COMPARE = ("compare", *GRID, "--walks", 3)  # as many walks everywhere, so that compiled programs serve again
 SEARCH = {
-    "random-walk", "random-progress", "shortest-path", "expected", "clairvoyant", "greedy-local", "greedy-map",
-    "snapshot", "forecast",
+    "random-walk", "random-progress", "shortest-path", "expected", "clairvoyant", "greedy-local", "lrta-star",
+    "greedy-map", "snapshot", "forecast",
 }  # fmt: skip
 WITH_SEED = ("demo", "reproduce", "train", "compare", "route", "trade-off", "counts")
 WITHOUT_SEED = ("import-osm", "new", "planners", "scenarios", "walkers")

@@ -22,7 +22,7 @@ TINY = scenario("paper-congested", side=3, crowded_nodes=1, horizon=3600.0)
 ALL = ["random-walk", "random-progress", "shortest-path", "expected", "clairvoyant"]
 
 
-REACTIVE = ["greedy-local", "greedy-map", "snapshot", "forecast"]
+REACTIVE = ["greedy-local", "lrta-star", "greedy-map", "snapshot", "forecast"]
 
 
 def chosen(*names: str) -> dict[str, PlannerFactory]:

@@ -15,6 +15,7 @@ from sidestep.network.town import Town
 from sidestep.planners.base import Planner, Route, routes
 from sidestep.planners.random import RandomProgress
 from sidestep.planners.reactive import GreedyLocal, GreedyMap
+from sidestep.planners.real_time import LrtaStar
 from sidestep.planners.shortest_path import ShortestPath, distances_to
 from sidestep.planners.time_dependent import Clairvoyant, Expected, earliest_arrivals
 from sidestep.walking.objective import Objective, TravelTime, WeightedObjective
@@ -26,7 +27,7 @@ OPEN = "06:00-22:00"
 KEY = jax.random.key(0)
 
 
-PLANNERS = (ShortestPath(), Expected(), Clairvoyant(), GreedyMap(), GreedyLocal())
+PLANNERS = (ShortestPath(), Expected(), Clairvoyant(), GreedyMap(), GreedyLocal(), LrtaStar())
 costs = jax.jit(expected_cost_to_go)
 
 

@@ -34,6 +34,7 @@ SEARCH = {
     "expected": "map",
     "clairvoyant": "hindsight",
     "greedy-local": "local",
+    "lrta-star": "local",
     "greedy-map": "map",
     "snapshot": "live",
     "forecast": "live",

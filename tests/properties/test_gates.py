@@ -17,6 +17,7 @@ from sidestep.network.town import Town
 from sidestep.planners.base import walk_plan
 from sidestep.planners.random import RandomProgress, RandomWalk
 from sidestep.planners.reactive import GreedyLocal, GreedyMap
+from sidestep.planners.real_time import LrtaStar
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Clairvoyant, Expected, earliest_arrivals, leaving
 from sidestep.walking.objective import TravelTime, WeightedObjective
@@ -31,7 +32,16 @@ NO_TRAFFIC = with_opening_times(NoWaits(), TIMES)
 TRACE = 60
 AROUND = 10
 """Steps before and after: walks in this town cross up to ten streets."""
-PLANNERS = (Clairvoyant(), RandomWalk(), RandomProgress(), ShortestPath(), Expected(), GreedyLocal(), GreedyMap())
+PLANNERS = (
+    Clairvoyant(),
+    RandomWalk(),
+    RandomProgress(),
+    ShortestPath(),
+    Expected(),
+    GreedyLocal(),
+    LrtaStar(),
+    GreedyMap(),
+)
 
 
 def problem(block, seed: int) -> tuple[EnvParams, Instance, float, Town]:

@@ -16,9 +16,10 @@ from sidestep.environment.dynamics import reset, step
 from sidestep.environment.types import Instance
 from sidestep.errors import SidestepError
 from sidestep.network.formats import save_town
-from sidestep.planners.base import Planner
+from sidestep.planners.base import Planner, Remembering
 from sidestep.planners.random import RandomWalk
 from sidestep.planners.reactive import GreedyLocal, GreedyMap
+from sidestep.planners.real_time import LrtaStar
 from sidestep.routing.deciding import LEAST_GAIN
 from sidestep.routing.live import begin, replan, report
 from sidestep.routing.request import RouteError, RouteRequest, read_departure
@@ -418,27 +419,31 @@ class With(Router):
         return self.planner if asked == self.planner.name else super().choose_planner(asked, located)
 
 
-def rolled_out(planner: GreedyLocal | GreedyMap, future: int) -> tuple[list[int], list[tuple[int, float, Sequence]]]:
+def rolled_out(planner: Planner, future: int) -> tuple[list[int], list[tuple[int, float, Sequence]]]:
     """The segments that a planner walks in a future; where and when it decides, and what it sees from there."""
     here = draw_map(SMALL, 2)
     params = make_environment(SMALL, here, "test", 3, level=planner.observes, densities=True)
     params = replace(params, level=planner.observes)
     whole = jnp.int32
     state, seen = reset(params, Instance(whole(0), whole(8), jnp.float32(600), whole(future)))
-    walked, looks = [], []
+    walked, looks, remembered = [], [], jnp.zeros(9)
+    shared = planner.plan(params, jax.tree.map(lambda leaf: leaf[None], state.instance)).shared
     while int(state.node) != 8 and len(walked) < MOST:
         segments = [one for one in np.asarray(params.network.exit_segment)[int(state.node)].tolist() if one >= 0]
         slot = jnp.int32(min(int(state.clock // SMALL.slot_seconds), SMALL.slots - 1))
         density = params.futures.speeds.density_at(whole(future), jnp.array(segments), slot).tolist()
         looks.append((int(state.node), float(state.clock), [*zip(segments, density, strict=True)]))
-        action = planner.decide(None, jnp.float32(0), seen, jax.random.key(0))
+        seen = replace(seen, remembered=remembered)
+        if isinstance(planner, Remembering):
+            remembered = remembered.at[state.node].set(planner.remember(shared, jnp.float32(0), seen))
+        action = planner.decide(shared, jnp.float32(0), seen, jax.random.key(0))
         state, outcome = step(params, state, action)
         seen = outcome.observation
         walked.append(int(outcome.segment))
     return walked, looks
 
 
-@pytest.mark.parametrize("planner", [GreedyLocal(), GreedyMap(), Wanderer()])
+@pytest.mark.parametrize("planner", [GreedyLocal(), LrtaStar(), GreedyMap(), Wanderer()])
 @pytest.mark.parametrize("future", [0, 1, 2])
 def test_who_sees_the_same_decides_the_same(planner, future: int) -> None:
     here = With(SMALL, seed=2)
@@ -455,6 +460,56 @@ def test_who_sees_the_same_decides_the_same(planner, future: int) -> None:
     under_way, found = report(here, under_way, 8, clock / 60 + 10)
     assert found.arrived
     assert under_way.nodes == tuple(node for node, *_ in looks)
+
+
+@pytest.fixture(scope="module")
+def dead_end(tiny, make_town, tmp_path_factory) -> Router:
+    """Nobody walks there. Node 1 lies before node 3, to which only node 2 leads, 100 m south of node 0."""
+    town = make_town([[0, 0], [100, 0], [0, -100], [200, 0]], [(0, 1), (0, 2), (2, 3)])
+    save_town(town, file := tmp_path_factory.mktemp("dead-end") / "town.npz")
+    sensors = (Sensor(name="back road", place=(0, 0)),)
+    source = tiny.place.crowd_source.model_copy(update={"sensors": sensors})
+    venue = tiny.place.model_copy(update={"streets": str(file), "crowd_source": source})
+    return Router(tiny.changed(name="dead end", place=venue))
+
+
+# Twice the straight line at free speed, in m: 400 from node 0, 200 from node 1, 447 from node 2.
+TO_1 = max(400, 100 + 200)  # remembered of node 0, where 100 + 447 by node 2 are more
+BACK = 100 + TO_1  # of node 1
+TO_2 = 100 + 447.2136  # of node 0, where 100 + BACK are more by now
+
+
+def kept(walk: WalkUnderWay) -> WalkUnderWay:
+    """The walk as another process reads it."""
+    return WalkUnderWay.from_json(json.loads(json.dumps(walk.to_json())))
+
+
+def test_what_was_learned_on_the_way_is_kept(dead_end) -> None:
+    walk, found = begin(dead_end, RouteRequest(0, 3, depart=NOON, planner="lrta-star"))
+    assert found.plan.nodes == [0, 1, 0, 2, 3]
+    for node, nodes in ((1, [1, 0, 2, 3]), (0, [0, 2, 3]), (2, [2, 3])):
+        walk, found = report(dead_end, kept(walk), node, after(80 * (len(walk.nodes) + 1)))
+        assert (found.plan.nodes, found.changed) == (nodes, False)
+    again, found = replan(dead_end, kept(walk))
+    assert (again.remembered, found.changed) == (walk.remembered, False)
+    assert walk.nodes == (0, 1, 0)
+    assert np.multiply(walk.remembered[:3], FREE_SPEED) == pytest.approx([TO_1, BACK, TO_2], rel=1e-5)
+
+
+def test_crossings_passed_without_a_report_are_learned_as_well(dead_end) -> None:
+    walk, _ = begin(dead_end, RouteRequest(0, 3, depart=NOON, planner="lrta-star"))
+    walk, found = report(dead_end, walk, 2, after(240))
+    assert (walk.nodes, found.plan.nodes) == ((0, 1, 0), [2, 3])
+    assert np.multiply(walk.remembered[:3], FREE_SPEED) == pytest.approx([TO_1, BACK, TO_2], rel=1e-5)
+
+
+def test_what_was_learned_outlives_the_route(dead_end, place) -> None:
+    walk, _ = begin(dead_end, RouteRequest(0, 3, depart=NOON, planner="lrta-star"))
+    walk, _ = report(dead_end, walk, 1, after(80))
+    # 30 m from the dead end, but 25 m beside the street: it begins anew there, and knows better than to go back.
+    walk, found = report(dead_end, kept(walk), place(70, 25), after(120))
+    assert (found.left_route, walk.nodes) == (True, (0, 1))
+    assert (found.plan.nodes[1], walk.remembered[1] * FREE_SPEED) == (0, pytest.approx(BACK, rel=1e-5))
 
 
 def test_a_trained_model_walks(tmp_path) -> None:

@@ -17,6 +17,18 @@ from sidestep.network.graph import ABSENT
 Decide = Callable[[Observation, Key[Array, ""]], Int[Array, ""]]
 """Which exit to take."""
 
+Remember = Callable[[Observation], Float[Array, ""]]
+"""What to remember of the node that is about to be left."""
+
+
+class Past(NamedTuple):
+    """What walkers bring along whose walks go on from others."""
+
+    recent_nodes: Int[Array, " recent_node"]
+    """As in :class:`~sidestep.environment.types.EnvState`."""
+    remembered: Float[Array, " node"]
+    """As in :class:`~sidestep.environment.types.Observation`."""
+
 
 class Walk(eqx.Module):
     """How a walk went. Its trace is empty unless asked for."""
@@ -34,12 +46,15 @@ class Walk(eqx.Module):
     """Walked, one after the other; -1 after the last."""
     clocks: Float[Array, " trace"]
     """Clock in s at which each of them was left; after the last, when that was left."""
+    remembered: Float[Array, " kept"]
+    """What is remembered of the node where each of them begins; empty where nothing is."""
 
 
 class _Carry(NamedTuple):
     state: EnvState
     over: Bool[Array, ""]
     walk: Walk
+    remembered: Float[Array, " node"]
 
 
 def walk(
@@ -48,7 +63,8 @@ def walk(
     instance: Instance,
     key: Key[Array, ""],
     trace: int = 0,
-    recent_nodes: Int[Array, " recent_node"] | None = None,
+    past: Past | None = None,
+    remember: Remember | None = None,
 ) -> Walk:
     """Walk until arrival or the horizon, deciding at every crossing.
 
@@ -62,8 +78,10 @@ def walk(
         Random key of the walk.
     trace
         Number of segments to remember.
-    recent_nodes
-        Nodes that were left before, the latest first, where the walk goes on from another; by default none.
+    past
+        What the walker brings along where the walk goes on from another.
+    remember
+        What to remember of every node, for walkers who decide by it.
 
     Returns
     -------
@@ -71,16 +89,23 @@ def walk(
         How it went.
     """
     start, _ = reset(params, instance)
-    if recent_nodes is not None:
-        start = replace(start, recent_nodes=recent_nodes)
+    if past is not None:
+        start = replace(start, recent_nodes=past.recent_nodes)
     there, nothing = instance.origin == instance.destination, jnp.float32(0)
     measures = dict.fromkeys(params.objective.measures, nothing)
     segments, clocks = jnp.full(trace, ABSENT, jnp.int32), jnp.full(trace, instance.departure)
 
     def onward(carry: _Carry) -> _Carry:
         before, so_far = carry.state, carry.walk
+        remembered, kept = carry.remembered, so_far.remembered
         # Observed here, not carried from the step before: so there is one observation to compile instead of two.
-        action = decide(observe(params, before), jax.random.fold_in(key, before.steps))
+        seen = observe(params, before)
+        if remember is not None:
+            seen = replace(seen, remembered=remembered)
+            number = remember(seen)
+            remembered = remembered.at[before.node].set(number)
+            kept = jnp.where(jnp.arange(trace) == before.steps, number, kept)
+        action = decide(seen, jax.random.fold_in(key, before.steps))
         state, outcome = step(params, before, action)
         walked = Walk(
             seconds=state.clock - instance.departure,
@@ -90,11 +115,14 @@ def walk(
             measures=jax.tree.map(jnp.add, so_far.measures, outcome.crossed.measures),
             segments=jnp.where(jnp.arange(trace) == before.steps, outcome.segment, so_far.segments),
             clocks=jnp.where(jnp.arange(trace) >= before.steps, state.clock, so_far.clocks),
+            remembered=kept,
         )
-        return _Carry(state, outcome.terminated | outcome.truncated, walked)
+        return _Carry(state, outcome.terminated | outcome.truncated, walked, remembered)
 
-    begun = Walk(nothing, there, start.steps, nothing, measures, segments, clocks)
-    end = jax.lax.while_loop(lambda carry: ~carry.over, onward, _Carry(start, there, begun)).walk
+    nodes, kept = (0, 0) if remember is None else (params.network.nodes, trace)
+    remembered = jnp.zeros(nodes) if past is None else past.remembered[:nodes]
+    begun = Walk(nothing, there, start.steps, nothing, measures, segments, clocks, jnp.zeros(kept))
+    end = jax.lax.while_loop(lambda carry: ~carry.over, onward, _Carry(start, there, begun, remembered)).walk
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
     seconds = jnp.where(end.arrived, jnp.minimum(end.seconds, params.horizon), params.horizon)
     cost = params.objective.walk_cost(end.cost, seconds, end.arrived, params.horizon)

@@ -259,6 +259,8 @@ class Observation(eqx.Module):
     """Which exits exist, and may be taken: see :meth:`sidestep.network.graph.RoadNetwork.exits_to`."""
     steps: Int[Array, ""]
     """Segments walked so far."""
+    remembered: Float[Array, " node"] | None = None
+    """What the walker remembers of each node, 0 where it was not there yet; None where it remembers nothing so."""
     local: Local | None = None
     """From level ``local`` on."""
     expected: Expected | None = None

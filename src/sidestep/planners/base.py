@@ -10,12 +10,12 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int, Key, PyTree
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from sidestep.arguments import COUNT, checked, instance
 from sidestep.environment.cost_to_go import check_known
 from sidestep.environment.dynamics import random_exit
-from sidestep.environment.rollout import Walk, walk
+from sidestep.environment.rollout import Past, Walk, walk
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.errors import SidestepError
 from sidestep.programs import program
@@ -33,6 +33,9 @@ class Plan(eqx.Module):
 
 DecideByPlan = Callable[[Any, Any, Observation, Key[Array, ""]], Int[Array, ""]]
 """Choose an exit, given ``plan.shared``, this walk's row of ``plan.own``, the observation and a random key."""
+
+RememberByPlan = Callable[[Any, Any, Observation], Float[Array, ""]]
+"""What to remember of a node, given ``plan.shared``, this walk's row of ``plan.own`` and the observation from there."""
 
 
 @runtime_checkable
@@ -116,6 +119,14 @@ class Planner(Protocol):
         """
 
 
+@runtime_checkable
+class Remembering(Planner, Protocol):
+    """A planner that remembers one number of each node that its walk leaves, and finds them in its observations."""
+
+    remember: ClassVar[RememberByPlan]
+    """What it remembers of a node before it leaves it: like ``decide`` a function without side effects, and static."""
+
+
 class WalkError(SidestepError):
     """Walks that nobody can walk: no planner, no environment, or none that fits."""
 
@@ -141,6 +152,9 @@ class Route:
 
     cost: float = math.nan
     """By the objective, in s."""
+
+    remembered: tuple[float, ...] = ()
+    """What a planner that remembers nodes remembers of all but the last; empty for others."""
 
 
 def keep_to_plan(
@@ -185,24 +199,27 @@ class _Named:
         return getattr(sys.modules.get(self.module), self.name, None)
 
 
-@program("decide", "trace", "level", "alike")
+@program("decide", "remember", "trace", "level", "alike")
 def _walk_all(
     decide: "DecideByPlan | _Named",
+    remember: "RememberByPlan | _Named | None",
     params: EnvParams,
     plan: Plan,
     instances: Instance,
     key: Key[Array, ""],
     trace: int,
     level: Information,
-    recent_nodes: Int[Array, " recent_node"] | None,
+    past: Past | None,
     *,
     alike: bool,
 ) -> Walk:
     params = replace(params, level=level)
     choose: Any = decide() if isinstance(decide, _Named) else decide
+    keep: Any = remember() if isinstance(remember, _Named) else remember
 
     def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
-        return walk(params, partial(choose, plan.shared, own), instance, key, trace, recent_nodes)
+        remembers = None if keep is None else partial(keep, plan.shared, own)
+        return walk(params, partial(choose, plan.shared, own), instance, key, trace, past, remembers)
 
     keys = jax.random.split(key, instances.origin.shape[0])
     if alike:  # one table for all walks, not a copy for each
@@ -218,7 +235,7 @@ def walk_plan(
     instances: Instance,
     key: Key[Array, ""],
     trace: int = 0,
-    recent_nodes: Int[Array, " recent_node"] | None = None,
+    past: Past | None = None,
 ) -> Walk:
     """Walk all instances by a plan.
 
@@ -234,8 +251,8 @@ def walk_plan(
         Source of all random numbers. The same key gives every planner the same ones.
     trace
         Number of segments to remember of each walk.
-    recent_nodes
-        Nodes that all walkers have left before, the latest first, where their walks go on from others; none by default.
+    past
+        What all walkers bring along where their walks go on from others.
 
     Returns
     -------
@@ -251,7 +268,8 @@ def walk_plan(
     numbers = {leaf.shape[0] for leaf in jax.tree.leaves(plan.own)}
     alike = numbers == {1} and instances.origin.shape[0] > 1
     decide, level = _Named.of(planner.decide), planner.observes
-    return _walk_all(decide, params, plan, instances, key, trace, level, recent_nodes, alike=alike)
+    remember = _Named.of(planner.remember) if isinstance(planner, Remembering) else None
+    return _walk_all(decide, remember, params, plan, instances, key, trace, level, past, alike=alike)
 
 
 @checked(
@@ -311,7 +329,7 @@ def routes_along(
     instances: Instance,
     key: Key[Array, ""],
     trace: int,
-    recent_nodes: Int[Array, " recent_node"] | None = None,
+    past: Past | None = None,
 ) -> list[Route]:
     """:func:`routes` of walks by a plan that was made before, which may go on from others as in :func:`walk_plan`.
 
@@ -320,7 +338,7 @@ def routes_along(
     list of Route
         One for each instance.
     """
-    walked = walk_plan(planner, params, plan, instances, key, trace, recent_nodes)
+    walked = walk_plan(planner, params, plan, instances, key, trace, past)
     begins, head, walked = jax.device_get((instances, params.network.head, walked))
     found = []
     for walk_number, steps in enumerate(walked.steps.tolist()):
@@ -329,5 +347,6 @@ def routes_along(
         at = (float(begins.departure[walk_number]), *clocks.tolist())
         seconds, arrived = float(walked.seconds[walk_number]), bool(walked.arrived[walk_number])
         cost = float(walked.cost[walk_number])
-        found.append(Route(tuple(segments.tolist()), nodes, at, seconds, arrived, cost))
+        kept = tuple(walked.remembered[walk_number, :steps].tolist())
+        found.append(Route(tuple(segments.tolist()), nodes, at, seconds, arrived, cost, kept))
     return found

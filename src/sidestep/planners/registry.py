@@ -21,6 +21,7 @@ from sidestep.errors import SidestepError, hint
 from sidestep.planners.base import Planner
 from sidestep.planners.random import RandomProgress, RandomWalk
 from sidestep.planners.reactive import Forecast, GreedyLocal, GreedyMap, Snapshot
+from sidestep.planners.real_time import LrtaStar
 from sidestep.planners.shortest_path import ShortestPath
 from sidestep.planners.time_dependent import Clairvoyant, Expected
 from sidestep.scenarios.maps import ScenarioMap, draw_map
@@ -335,6 +336,7 @@ for _planner, _use in (
     (Expected, "The default of `route`: when no live counts are at hand."),
     (Clairvoyant, "Never in practice: the bound that shows what is left to gain."),
     (GreedyLocal, "When there is no map, only what is in sight."),
+    (LrtaStar, "The same in a town, where streets end or bend: it arrives."),
     (GreedyMap, "When a map and expected crowds are at hand, and the walker looks around."),
     (Snapshot, "When all counters report now, and crowds change slowly."),
     (Forecast, "When all counters report now: the best without training."),

@@ -68,14 +68,16 @@ def arrived_at(walk: WalkUnderWay, located: Located, away: float | None) -> tupl
 def standing_of(walk: WalkUnderWay, located: Located) -> Standing:
     """Where the walker decides next."""
     clock, before = walk.clock - walk.crowds_from, walk.nodes[::-1]
+    remembered = walk.remembered[: len(before)][::-1]
     if not walk.segments:
-        return Standing(located.ends[0].node, clock, before, inside=walk.rerouted)
+        return Standing(located.ends[0].node, clock, before, remembered, inside=walk.rerouted)
     (segment, *_), ((tail, *_), (head, *_)) = walk.segments, located.ends_of(walk.segments)
     length = located.metres_of([segment])[0]
     if walk.along <= min(AT_CROSSING, length / 2):
         ago = walk.along / located.scenario.walker.free_speed
-        return Standing(tail, clock, before, ago=ago, inside=walk.rerouted and tail == located.ends[0].node)
-    return Standing(head, clock, (tail, *before), segment, 1 - walk.along / length)
+        return Standing(tail, clock, before, remembered, ago=ago, inside=walk.rerouted and tail == located.ends[0].node)
+    remembered = walk.remembered[: len(before) + 1][::-1]
+    return Standing(head, clock, (tail, *before), remembered, segment, 1 - walk.along / length)
 
 
 def decided(walk: WalkUnderWay, located: Located, planner: Planner, news: News) -> tuple[WalkUnderWay, Decision]:
@@ -99,6 +101,7 @@ def decided(walk: WalkUnderWay, located: Located, planner: Planner, news: News) 
     walk = replace(
         walk,
         segments=(*on_way, *route.segments),
+        remembered=(*walk.remembered[: len(walk.nodes) + len(on_way)], *route.remembered),
         along=rest.along,
         arrival=walk.clock + seconds if route.arrived else None,
         p50=walk.clock + 60 * times.median_minutes,

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
+from itertools import compress
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -345,8 +346,10 @@ def _rerouted(walk: WalkUnderWay, located: Located, place: Place) -> WalkUnderWa
     """The walk without a route, which is to begin anew at a place."""
     before, _ = located.ends_of(walk.segments[:1])
     # Numbers of places in the middle of streets are those of one route.
-    nodes = tuple(node for node in (*walk.nodes, *before) if node < located.nodes)
-    return replace(walk, begins=place, rerouted=True, segments=(), along=0.0, nodes=nodes)
+    nodes = (*walk.nodes, *before)
+    lasting = [node < located.nodes for node in nodes]
+    walk = replace(walk, nodes=tuple(compress(nodes, lasting)), remembered=tuple(compress(walk.remembered, lasting)))
+    return replace(walk, begins=place, rerouted=True, segments=(), along=0.0)
 
 
 def _is_there(walk: WalkUnderWay, located: Located, place: Place) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sidestep.environment.crossing import as_expected
+from sidestep.environment.rollout import Past
 from sidestep.environment.types import RECENT_NODES, EnvParams, Instance, Level
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.planners.base import Plan, Planned, Planner, Route
@@ -62,6 +63,9 @@ class Standing:
     left: tuple[int, ...] = ()
     """Nodes that were left before that one, the latest first."""
 
+    remembered: tuple[float, ...] = ()
+    """What is remembered of each of them, as of then; empty where the planner remembers nothing of nodes."""
+
     segment: int | None = None
     """The segment on the way there; None at the crossing."""
 
@@ -102,12 +106,15 @@ class Onward(Walker):
         node = origin if origin.node == standing.node else NodeEnd(standing.node, f"crossing {standing.node}")
         recent = np.full(RECENT_NODES, ABSENT, np.int32)
         recent[: len(standing.left)] = standing.left[:RECENT_NODES]
+        remembered = np.zeros(located.scenario_map.network.nodes, np.float32)
+        for left, number in zip(standing.left[::-1], standing.remembered[::-1], strict=False):
+            remembered[left] = number
         super().__init__(
             replace(located, ends=(node, destination), baselines=()),
             planner,
             futures,
             inside=standing.inside,
-            recent_nodes=on_device(recent, np.int32),
+            past=Past(on_device(recent, np.int32), on_device(remembered)),
         )
         self.standing = standing
         if sightings is not None:

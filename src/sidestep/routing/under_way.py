@@ -88,6 +88,10 @@ class WalkUnderWay:
     """Nodes left before the segment that the walker is on, one after the other. Of those in the middle of streets only
     the one where the present route begins is among them."""
 
+    remembered: tuple[float, ...] = ()
+    """What the planner remembers of each of these nodes, then of those where the segments begin, as of when the walk
+    leaves them; empty where it remembers nothing of nodes."""
+
     metres: float = 0.0
     """Metres walked along routes."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import as_expected, cross
-from sidestep.environment.rollout import Walk
+from sidestep.environment.rollout import Past, Walk
 from sidestep.environment.types import EnvParams, Futures, Instance
 from sidestep.evaluation.metrics import in_time, spread
 from sidestep.planners.base import Plan, Planner, Route, routes_along, walk_plan
@@ -142,8 +142,8 @@ class Walker:
         How many to simulate; by default as many as the request and the planner need.
     inside
         Whether the walker has come to the origin along its street, and so is past the gate that the street may have.
-    recent_nodes
-        Nodes that were left before, the latest first, where the walk goes on from another; by default none.
+    past
+        What the walker brings along where the walk goes on from another.
     """
 
     def __init__(
@@ -153,12 +153,12 @@ class Walker:
         futures: int | None = None,
         *,
         inside: bool = False,
-        recent_nodes: Int[Array, " recent_node"] | None = None,
+        past: Past | None = None,
     ) -> None:
         scenario, here = located.scenario, located.scenario_map
         self.located, self.planner, self.key = located, planner, purpose_key(here, "test")
         looking = [each for each in (planner, *located.baselines) if each.observes in ("map", "live")]
-        self.recent_nodes = recent_nodes
+        self.past = past
         params = make_environment(
             scenario,
             here,
@@ -190,7 +190,7 @@ class Walker:
         def whole(params: EnvParams) -> Route:
             plan, todo, trace = self._plan(planner, params), self.instances(1), params.network.nodes
             while True:
-                (route,) = routes_along(planner, params, plan, todo, self.key, trace, self.recent_nodes)
+                (route,) = routes_along(planner, params, plan, todo, self.key, trace, self.past)
                 if len(route.segments) < trace:
                     return route
                 trace *= 8  # it may go on
@@ -204,7 +204,7 @@ class Walker:
         def through(params: EnvParams) -> Walk:
             hindsight = planner.level == "hindsight"
             plan = planner.plan(params, todo) if hindsight else self._plan(planner, params)
-            return walk_plan(planner, params, plan, todo, self.key, recent_nodes=self.recent_nodes)
+            return walk_plan(planner, params, plan, todo, self.key, past=self.past)
 
         params, drawn = self.params, self.params.futures
         if not futures == size == drawn.count:

@@ -19,6 +19,7 @@ const SAYS = {
   forecast: "re-plans on forecasts, slow",
 };
 const OTHERS = {
+  "lrta-star": "sees one crossing, learns dead ends",
   "greedy-local": "sees one crossing",
   "random-progress": "fewest streets, any",
   "random-walk": "anywhere",
