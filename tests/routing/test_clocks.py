@@ -1,11 +1,11 @@
 """What times people give, and where on the clock they lie."""
 
-from datetime import datetime, time
+from datetime import date, datetime, time
 
 import pytest
 
 from sidestep.crowds.profile import time_of_week
-from sidestep.routing.clocks import GridClock, TownClock, time_given
+from sidestep.routing.clocks import GridClock, TownClock, next_after, time_given
 from sidestep.routing.request import RouteError, TimeOfWeek, read_departure
 
 SATURDAY = TownClock(5 * 24 + 17.5, 0, datetime.fromisoformat("2025-05-24T17:30"))
@@ -59,6 +59,38 @@ def test_seconds_to_the_next_such_time(start: TownClock, text: str, seconds: flo
 def test_the_earliest_departure_before_a_deadline(text: str, seconds: float) -> None:
     start = SATURDAY.earlier(2 * 3600.0)  # 15:30; the deadline is 18:30
     assert start.earliest(read_departure(text), 3 * 3600.0) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "found"),
+    [
+        ("18:00", "2025-05-24T17:30", "2025-05-24T18:00"),
+        ("17:30", "2025-05-24T17:30", "2025-05-24T17:30"),
+        ("9:00", "2025-05-24T17:30", "2025-05-25T09:00"),
+        ("9:00", "2025-05-24T22:30+00:00", "2025-05-25T09:00"),  # 1:30 in Helsinki
+        ("9:00", "Sun 17:30", "Mon 9:00"),
+        ("18:00", "Sun 17:30", "Sun 18:00"),
+        ("Sat 9:00", "2025-05-24T17:30", "Sat 9:00"),
+        ("2025-05-23T09:00", "2025-05-24T17:30", "2025-05-23T09:00"),
+        ("9:00", "17:30", "9:00"),
+        ("9:00", None, "9:00"),
+    ],
+)
+def test_deadlines_without_a_day_come_after_the_departure(text: str, start: str | None, found: str) -> None:
+    assert next_after(read_departure(text), read_departure(start), "Europe/Helsinki") == read_departure(found)
+
+
+def test_a_deadline_may_be_the_next_morning() -> None:
+    assert SATURDAY.due(read_departure("9:00"), "arrive_by") == 15.5 * 3600
+    with pytest.raises(RouteError):
+        SATURDAY.clock(read_departure("9:00"), "until")
+
+
+@pytest.mark.parametrize(
+    ("text", "found"), [("7:30", datetime.fromisoformat("2025-05-24T07:30")), ("Fri 7:30", TimeOfWeek(time(7, 30), 4))]
+)
+def test_times_without_a_day_are_of_today_where_that_is_given(text: str, found: object) -> None:
+    assert read_departure(text, "at", date(2025, 5, 24)) == found
 
 
 @pytest.mark.parametrize("text", ["19:00", "Sat 19:00", "2025-05-24T19:00", "Sun 1:00"])

@@ -153,3 +153,8 @@ def test_models_that_do_not_fit(monkeypatch, tmp_path) -> None:
     with pytest.raises(SidestepError) as caught:
         Router(scenario("paper-congested"), model="m", index=1)
     assert caught.value.field == "model"
+
+
+def test_a_deadline_without_a_day_is_the_next_after_the_departure(router) -> None:
+    plan = router.plan(0, 2, depart="2025-05-24T23:50", arrive_by="0:30", futures=3)
+    assert plan.departure.startswith("2025-05-25T00:2")

@@ -57,6 +57,10 @@ class GridClock:
             raise RouteError(f"the earliest departure, {given} min, is after the arrival", field="depart")
         return clock
 
+    def due(self, given: Departure, field: str) -> float:
+        """Seconds since the start of a deadline; as :meth:`clock`."""
+        return self.clock(given, field)
+
     @staticmethod
     def facts(clock: float) -> dict[str, Any]:
         """What :class:`~sidestep.routing.facts.SceneFacts` say of a clock."""
@@ -117,6 +121,10 @@ class TownClock:
             said = f"{called(field)} is before the first, or {later / HOUR:g} hours after it"
             raise RouteError(f"{said}; swap them, or give both with dates", field=field)
         return later
+
+    def due(self, given: Departure, field: str) -> float:
+        """Seconds from clock 0 to a deadline; as :meth:`clock`, but one without a day may be the next morning."""
+        return self.clock(next_after(given, self.given, self.timezone), field)
 
     def earliest(self, given: Departure, deadline: float) -> float:
         """Seconds since clock 0 of the earliest departure, 0 if it is before that.
@@ -217,6 +225,39 @@ def time_given(given: Departure, first_day: int, field: str, timezone: str | Non
         return time_of_week(there), there
     said = f"{called(field)} must be a local time, such as 2025-05-24T12:30 or Sat 12:30"
     raise RouteError(f"{said}, not {given}", field=field)
+
+
+def next_after(given: Departure | None, start: Departure | None, timezone: str | None) -> Departure | None:
+    """Give a time of day the day on which it is the next one from another time on.
+
+    Parameters
+    ----------
+    given, start
+        The two times.
+    timezone
+        That of the place, an IANA name; None where it is not known.
+
+    Returns
+    -------
+    Departure or None
+        The same where it has a day, or the other one has none.
+
+    Raises
+    ------
+    SidestepError
+        As :func:`time_given`.
+    """
+    if isinstance(given, time):
+        given = TimeOfWeek(given)
+    if not isinstance(given, TimeOfWeek) or given.day is not None:
+        return given
+    if isinstance(start, TimeOfWeek) and start.day is not None:
+        return replace(given, day=(start.day + (given.time < start.time)) % len(DAYS))
+    if isinstance(start, datetime):
+        begins = local_time(start, timezone).replace(tzinfo=None)
+        there = datetime.combine(begins, given.time)
+        return there if there >= begins else there + timedelta(days=1)
+    return given
 
 
 def town_clock(venue: Venue, flow: FlowModel, depart: Departure | None, field: str = "depart") -> TownClock:

@@ -16,7 +16,7 @@ from sidestep.network.graph import ABSENT
 from sidestep.network.polygons import read_polygons
 from sidestep.network.snapping import Snapper, SplitStreets, StreetPoint, split_streets
 from sidestep.planners.shortest_path import distances_to
-from sidestep.routing.clocks import GridClock, TownClock, check_known, covered_before, town_clock
+from sidestep.routing.clocks import GridClock, TownClock, check_known, covered_before, next_after, town_clock
 from sidestep.routing.facts import SceneFacts
 from sidestep.routing.located import Located, LocatedInTown, NodeEnd
 from sidestep.routing.paces import Paces
@@ -50,6 +50,9 @@ class Circumstances:
 
     exclude: Sequence[str] = ()
     """Kinds of streets that are not walked."""
+
+    after: Departure | None = None
+    """Where ``depart`` is a time of day alone, it is the next one after this."""
 
     field: str = "depart"
     """The parameter that ``depart`` is of."""
@@ -219,7 +222,7 @@ class TownLocator:
         return town_clock(self._venue, self._map.flow, depart, field)
 
     def locate(self, asked: Sequence[AskedPlace], given: Circumstances) -> LocatedInTown:
-        departs = self.clock(given.depart, given.field)
+        departs = self.clock(next_after(given.depart, given.after, self._venue.timezone), given.field)
         before = covered_before(departs, self._map.flow, self._scenario) if given.lookback else 0.0
         start = departs.earlier(before)
         latest = before + (given.window if given.until is None else departs.clock(given.until, "until"))

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime, time
+from datetime import date, datetime, time
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeGuard, TypeVar
@@ -80,7 +80,8 @@ class TimeOfWeek:
 
     time: time
     day: int | None = None
-    """0 is Monday; None: the first day of the week on which people usually set out."""
+    """0 is Monday. None: of a deadline the next such time after the departure, and else the first day of the week on
+    which people usually set out."""
 
 
 Departure = datetime | time | TimeOfWeek | float
@@ -291,7 +292,7 @@ def read_place(field: str, given: object) -> Place | None:
     raise RouteError(f"{said}, not {given.strip()!r:.60}", field=field)
 
 
-def read_departure(given: object, field: str = "depart") -> Departure | None:
+def read_departure(given: object, field: str = "depart", today: date | None = None) -> Departure | None:
     """Read a departure, or an arrival.
 
     Parameters
@@ -300,6 +301,8 @@ def read_departure(given: object, field: str = "depart") -> Departure | None:
         Text such as ``2025-05-24T12:30``, ``Fri 17:30``, ``17:30`` or, on grids, ``30``; or as it is to be.
     field
         For errors: the parameter that it is of.
+    today
+        The day of texts that are times of day alone; None leaves it open.
 
     Returns
     -------
@@ -323,8 +326,10 @@ def read_departure(given: object, field: str = "depart") -> Departure | None:
             return datetime.fromisoformat(text)
     with suppress(ValueError):
         if found := _TIME.fullmatch(text):
-            day = None if found[1] is None else _day(found[1])
-            return TimeOfWeek(time.fromisoformat(found[2].zfill(2) + found[3]), day)
+            of_day = time.fromisoformat(found[2].zfill(2) + found[3])
+            if found[1] is None and today is not None:
+                return datetime.combine(today, of_day)
+            return TimeOfWeek(of_day, None if found[1] is None else _day(found[1]))
     said = f"{called(field)} must be a local time such as 2025-05-24T12:30, Fri 17:30 or 17:30, or minutes on a grid"
     raise RouteError(f"{said}, not {given!r:.60}", field=field)
 

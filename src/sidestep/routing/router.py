@@ -218,6 +218,7 @@ class Router:
             )
         given = Circumstances(
             depart=request.arrive_by,
+            after=request.depart,
             avoid=request.avoid,
             exclude=request.exclude,
             field="arrive_by",
@@ -282,7 +283,7 @@ class Router:
         )
         located = self._between(read_place("origin", origin), read_place("destination", destination), given)
         deadline = read_departure(arrive_by, "arrive_by")
-        due = None if deadline is None else located.start.clock(deadline, "arrive_by")
+        due = None if deadline is None else located.start.due(deadline, "arrive_by")
         return departure_window(located, self.choose_planner(planner, located), step, futures, due, most)
 
     def isochrone(

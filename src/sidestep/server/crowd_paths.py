@@ -163,7 +163,7 @@ async def _departures(served: ServedTown, asked: Window) -> Response:
                 depart=depart,
                 until=read_departure(asked.until, "until"),
                 step=asked.step,
-                arrive_by=served.deadline(asked.arrive_by, depart),
+                arrive_by=read_departure(asked.arrive_by, "arrive_by"),
                 planner=asked.planner,
                 futures=number,
                 avoid=asked.avoid,

@@ -13,7 +13,7 @@ from sidestep.network.town import TownError
 from sidestep.planners.registry import BASELINE
 from sidestep.routing.plan import RoutePlan
 from sidestep.routing.quick import QuickRouter
-from sidestep.routing.request import RouteError, RouteRequest
+from sidestep.routing.request import RouteError, RouteRequest, TimeOfWeek, read_departure
 from sidestep.server import osrm, osrm_options
 from sidestep.server.hints import rounded
 from sidestep.server.osrm import Stretch, Walk
@@ -257,10 +257,10 @@ def _planned_walks(
         raise ProblemError(400, said, field="coordinates", code="NotImplemented")
     router = served.variants.router(options.walker, options.objective)
     origin, destination = (point.place for point in points)
-    depart = served.asked("depart_at", options.depart_at) if options.arrive_by is None or options.depart_at else None
-    deadline = served.deadline(options.arrive_by, depart)
-    if depart is None and isinstance(deadline, datetime):
-        depart = served.asked("depart_at", None)  # what is past cannot be walked
+    deadline = read_departure(options.arrive_by, "arrive_by")
+    some_week = isinstance(deadline, TimeOfWeek) and deadline.day is not None
+    # What is past cannot be walked.
+    depart = None if some_week and options.depart_at is None else served.asked("depart_at", options.depart_at)
     if deadline is None:
         futures = served.futures(options.planner, options.futures or FEW_FUTURES)
     else:

@@ -3,8 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable
-from dataclasses import replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +13,6 @@ from pydantic_core import to_json
 
 from sidestep import __version__
 from sidestep.crowds.live import LONGEST, LiveCount, LiveCounts
-from sidestep.crowds.wall_time import local_time
 from sidestep.errors import SidestepError
 from sidestep.network.names import StreetNames
 from sidestep.planners.registry import BASELINE, planner_infos
@@ -22,7 +20,7 @@ from sidestep.routing import live as walks
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import CROWDING
 from sidestep.routing.formats import feature
-from sidestep.routing.request import Departure, RouteRequest, TimeOfWeek, at_fault, read_departure
+from sidestep.routing.request import Departure, RouteRequest, at_fault, read_departure
 from sidestep.routing.router import Router
 from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.places import Venue
@@ -157,7 +155,7 @@ class ServedTown:
         with at_fault(field):
             if given is None:
                 return router.clock(self._now() if router.flow.timed else None)
-            return router.clock(self._of_today(read_departure(given)))
+            return router.clock(read_departure(given, today=self.clock.wall))
 
     def _now(self) -> datetime:
         """Now, with an offset where the town has a timezone: of an hour that its clocks show twice only that tells."""
@@ -184,42 +182,7 @@ class ServedTown:
         if given is None:
             # Minute by minute, what is expected is kept.
             return self._now().replace(second=0, microsecond=0) if self.router.flow.timed else None
-        return self._of_today(read_departure(given, field))
-
-    def deadline(self, given: str | None, depart: Departure | None) -> Departure | None:
-        """Read a time to be there; one without a day is the next after the departure.
-
-        Parameters
-        ----------
-        given
-            Its text.
-        depart
-            The departure; None: now.
-
-        Returns
-        -------
-        Departure or None
-            The time; None where none is given.
-
-        Raises
-        ------
-        RouteError
-            What is no local time (field ``arrive_by``).
-        """
-        found = read_departure(given, "arrive_by")
-        if not (isinstance(found, TimeOfWeek) and found.day is None and self.router.flow.timed):
-            return found
-        if isinstance(depart, TimeOfWeek):
-            return replace(found, day=None if depart.day is None else (depart.day + (found.time < depart.time)) % 7)
-        after = local_time(depart, self.venue.timezone) if isinstance(depart, datetime) else self.clock.wall
-        there = datetime.combine(after, found.time)
-        return there if there >= after.replace(tzinfo=None) else there + timedelta(days=1)
-
-    def _of_today(self, given: Departure | None) -> Departure | None:
-        """A time; one without a day is of today."""
-        if isinstance(given, TimeOfWeek) and given.day is None and self.router.flow.timed:
-            return datetime.combine(self.clock.wall, given.time)
-        return given
+        return read_departure(given, field, self.clock.wall)
 
     @cached_property
     def streets(self) -> dict[str, Any]:
