@@ -25,6 +25,10 @@ class SidestepError(ValueError):
         self.line = line
 
 
+class SidestepWarning(UserWarning):
+    """What a user should know although the work goes on, in one sentence; on the command line on standard error."""
+
+
 def hint(name: object, known: Sequence[str], other: str = "") -> str:
     """What may have been meant by a name that is not known, for the end of a sentence.
 

@@ -16,6 +16,8 @@ from sidestep.agent.presets import PRESETS, preset
 from sidestep.agent.q_networks import QNetwork
 from sidestep.agent.train import TrainState, prepare, uniform_draws
 from sidestep.environment.types import Observation
+from sidestep.errors import SidestepWarning
+from sidestep.files import OutputError
 from sidestep.scenarios.builtin import BUILT_IN, scenario
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import Scenario
@@ -72,7 +74,7 @@ def values(network: QNetwork, seen: Observation) -> jax.Array:
 def test_what_is_read_is_what_was_saved(config: TrainConfig, problem: Scenario, tmp_path: Path) -> None:
     saved = as_if_trained(config, problem)
     checkpoint.save(saved, tmp_path)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["checkpoint.eqx", "model.eqx"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["checkpoint-1.eqx", "model.eqx"]
     model, again = checkpoint.load_model(tmp_path), checkpoint.load(tmp_path)
     assert model.metadata == again.metadata == saved.metadata  # lists are tuples again
     assert checkpoint.read_metadata(tmp_path) == saved.metadata
@@ -131,7 +133,7 @@ def test_models_from_before_there_were_walkers_learned_for_the_adult(saved, tmp_
         del header["scenario"]["walker"]
         return json.dumps(header).encode() + b"\n" + numbers
 
-    for name in ("checkpoint.eqx", "model.eqx"):
+    for name in ("checkpoint-1.eqx", "model.eqx"):
         line, numbers = (folder / name).read_bytes().split(b"\n", 1)
         (tmp_path / name).write_bytes(before(json.loads(line), numbers))
     for found in (checkpoint.load_model(tmp_path), checkpoint.load(tmp_path)):
@@ -140,7 +142,7 @@ def test_models_from_before_there_were_walkers_learned_for_the_adult(saved, tmp_
 
 
 def test_models_from_before_replays_were_packed_are_read_and_their_trainings_refused(saved, tmp_path):
-    for name in ("checkpoint.eqx", "model.eqx"):
+    for name in ("checkpoint-1.eqx", "model.eqx"):
         change(saved[0], tmp_path, name, lambda head, numbers: whole(head | {"format": 5}, numbers))
     assert eqx.tree_equal(checkpoint.load_model(tmp_path).q_network, saved[1].model.q_network)
     with pytest.raises(CheckpointError) as caught:
@@ -152,7 +154,7 @@ def test_models_from_before_replays_were_packed_are_read_and_their_trainings_ref
 
 BOTH = pytest.mark.parametrize(
     ("read", "name"),
-    [(checkpoint.load, "checkpoint.eqx"), (checkpoint.load_model, "model.eqx")],
+    [(checkpoint.load, "checkpoint-1.eqx"), (checkpoint.load_model, "model.eqx")],
     ids=["checkpoint", "model"],
 )
 
@@ -228,7 +230,7 @@ def test_a_folder_without_a_model(tmp_path, read, name):
     for folder in (tmp_path, tmp_path / "nowhere"):
         with pytest.raises(CheckpointError) as caught:
             read(folder)
-        assert caught.value.field == name
+        assert caught.value.field == ("checkpoint" if read is checkpoint.load else name)
     (tmp_path / name).mkdir()
     with pytest.raises(CheckpointError) as caught:
         read(tmp_path)
@@ -237,7 +239,7 @@ def test_a_folder_without_a_model(tmp_path, read, name):
 
 def test_training_does_not_go_on_where_the_map_has_changed(saved, tmp_path):
     # What is left of the file does not matter: states of another map may not fit it.
-    change(saved[0], tmp_path, "checkpoint.eqx", lambda head, _: whole(head | {"fingerprint": "of old"}, b""))
+    change(saved[0], tmp_path, "checkpoint-1.eqx", lambda head, _: whole(head | {"fingerprint": "of old"}, b""))
     with pytest.raises(CheckpointError) as caught:
         checkpoint.load(tmp_path)
     assert caught.value.field == "fingerprint"
@@ -248,4 +250,72 @@ def test_each_file_serves_alone(saved, tmp_path):
     assert checkpoint.load_model(tmp_path).metadata.seed == 4
     with pytest.raises(CheckpointError) as caught:
         checkpoint.load(tmp_path)
-    assert caught.value.field == "checkpoint.eqx"
+    assert caught.value.field == "checkpoint"
+
+
+# --- Several checkpoints --------------------------------------------------------------------------------------------
+
+
+def after(rounds: int, trained: Checkpoint) -> Checkpoint:
+    curve = tuple((float(number),) for number in range(rounds))
+    return Checkpoint(trained.metadata.model_copy(update={"curve": curve}), trained.state)
+
+
+def names(folder: Path) -> list[str]:
+    return [path.name for path in checkpoint.checkpoints(folder)]
+
+
+def test_the_latest_checkpoints_stay(saved, tmp_path):
+    assert names(tmp_path / "nowhere") == []
+    for rounds in (1, 9, 10, 11):
+        checkpoint.save(after(rounds, saved[1]), tmp_path, keep=3)
+    assert names(tmp_path) == ["checkpoint-11.eqx", "checkpoint-10.eqx", "checkpoint-9.eqx"]
+    assert len(checkpoint.load(tmp_path).metadata.curve) == len(checkpoint.read_metadata(tmp_path).curve) == 11
+    # Those of more rounds are of a training that is replaced.
+    checkpoint.save(after(10, saved[1]), tmp_path, keep=1)
+    assert names(tmp_path) == ["checkpoint-10.eqx"]
+
+
+@pytest.mark.parametrize("size", [0, 40, 3_000, -1])
+def test_a_damaged_checkpoint_falls_back_to_the_one_before(saved, tmp_path, size):
+    for rounds in (1, 2, 3):
+        checkpoint.save(after(rounds, saved[1]), tmp_path, keep=3)
+    for number in (3, 2):
+        latest = tmp_path / f"checkpoint-{number}.eqx"
+        latest.write_bytes(latest.read_bytes()[:size])
+        with pytest.warns(SidestepWarning) as told:
+            found = checkpoint.load(tmp_path)
+        assert len(told) == 4 - number
+        assert str(latest) in str(told[-1].message)
+        assert len(found.metadata.curve) == number - 1
+    checkpoint.save(after(2, saved[1]), tmp_path, keep=2)
+    assert names(tmp_path) == ["checkpoint-2.eqx", "checkpoint-1.eqx"]
+    for path in checkpoint.checkpoints(tmp_path):
+        path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(CheckpointError, match=r"checkpoint-2\.eqx"):
+        checkpoint.load(tmp_path)
+
+
+def test_there_is_no_way_back_from_another_format(saved, tmp_path):
+    for rounds in (1, 2):
+        checkpoint.save(after(rounds, saved[1]), tmp_path, keep=2)
+    latest = tmp_path / "checkpoint-2.eqx"
+    line, numbers = latest.read_bytes().split(b"\n", 1)
+    latest.write_bytes(whole(json.loads(line) | {"format": 5}, numbers))
+    with pytest.raises(CheckpointError) as caught:
+        checkpoint.load(tmp_path)
+    assert caught.value.field == "format"
+
+
+def test_a_checkpoint_that_could_not_be_written_leaves_the_others(saved, tmp_path, monkeypatch):
+    checkpoint.save(after(7, saved[1]), tmp_path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(checkpoint.eqx, "tree_serialise_leaves", full)
+    for rounds in (1, 8):
+        with pytest.raises(OutputError):
+            checkpoint.save(after(rounds, saved[1]), tmp_path)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before

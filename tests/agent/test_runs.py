@@ -1,6 +1,9 @@
 """One training run: it reports, saves, resumes to the bit, and compiles nothing after its first round."""
 
 import logging
+import math
+import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +13,12 @@ import numpy as np
 import pytest
 
 from sidestep import programs
-from sidestep.agent import checkpoint, problem
+from sidestep.agent import checkpoint, problem, runs
 from sidestep.agent.checkpoint import CheckpointError
-from sidestep.agent.config import TrainConfigError
+from sidestep.agent.config import TrainConfig, TrainConfigError
 from sidestep.agent.presets import preset
 from sidestep.agent.runs import TrainingRun, train
+from sidestep.errors import SidestepWarning
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.spec import ScenarioError
@@ -80,7 +84,9 @@ def test_json_is_what_the_command_line_prints(straight: Straight) -> None:
 
 def test_the_last_round_is_saved(straight: Straight) -> None:
     assert straight.run.folder is not None
-    assert sorted(file.name for file in straight.run.folder.iterdir()) == ["checkpoint.eqx", "model.eqx"]
+    assert sorted(file.name for file in straight.run.folder.iterdir()) == [
+        "checkpoint-1.eqx", "checkpoint-4.eqx", "model.eqx",
+    ]  # fmt: skip
     model = checkpoint.load_model(straight.run.folder)
     assert model.metadata == straight.run.metadata
     assert eqx.tree_equal(model.q_network, straight.run.model.q_network)
@@ -88,10 +94,10 @@ def test_the_last_round_is_saved(straight: Straight) -> None:
 
 
 @pytest.mark.parametrize("rounds", [1, 3])
-def test_a_run_resumes_to_the_bit(straight: Straight, rounds: int) -> None:
-    curves = []
+def test_a_run_resumes_to_the_bit(straight: Straight, tmp_path: Path, rounds: int) -> None:
+    folder, curves = shutil.copytree(straight.folders[rounds - 1], tmp_path / "m"), []
     run = train(
-        PROBLEM, CONFIG, seed=4, index=2, out=straight.folders[rounds - 1], resume=True,
+        PROBLEM, CONFIG, seed=4, index=2, out=folder, resume=True,
         on_round=lambda run: curves.append(run.metadata.curve),
     )  # fmt: skip
     assert curves == straight.curves[rounds:]
@@ -131,18 +137,37 @@ def test_fresh_futures_are_met(straight: Straight, monkeypatch: pytest.MonkeyPat
     assert [same(*pair) for pair in zip(stale, straight.states, strict=True)] == [True, False, False, False]
 
 
+OTHERWISE = {
+    "rounds": 3, "walkers": 8, "round_steps": 128, "batch": 8, "capacity": 128, "alpha": 0.5, "beta": 0.5,
+    "priority_floor": 0.1, "gamma": 0.9, "double": False, "hidden": (4,), "one_hot": True, "unit": 1.0,
+    "target_period": 2, "target_rate": 0.5, "optimiser": "sgd", "learning_rate": 0.1, "learning_rate_end": 0.1,
+    "decay": 0.5, "damping": 0.1, "epsilon": 0.9, "epsilon_end": 0.1, "epsilon_share": 0.9, "random_origins": 1.0,
+    "keep": "best", "temperature": 1.0, "table": True, "dueling": False, "potential": False, "places": 3, "n_step": 2,
+    "futures": 6, "futures_reach": 1.0, "fresh_futures": 1, "destinations": 2, "huber": 1.0, "test_walks": 3,
+    "patience": 1, "correction_margin_seconds": 1.0, "estimate_when_revisiting": True,
+}  # fmt: skip
+"""Another value of every setting but the level."""
+
+
+def test_another_value_of_every_setting() -> None:
+    assert {"level", *OTHERWISE} == TrainConfig.model_fields.keys()
+    assert [name for name, value in OTHERWISE.items() if getattr(CONFIG, name) == value] == []
+
+
 # --- What is refused ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        ({"scenario": scenario("paper-congested", side=3, crowded_nodes=1)}, "scenario"),
+        ({"scenario": scenario("paper-congested", side=3, crowded_nodes=1)}, "scenario.name"),
+        ({"scenario": PROBLEM.changed(walks=7)}, "scenario.walks"),
+        ({"scenario": scenario("rush-16", side=4, crowded_nodes=1, horizon=3600.0)}, "scenario.place.side"),
         ({"seed": 5}, "seed"),
         ({"index": 0}, "map"),
-        ({"config": CONFIG.changed(rounds=5)}, "rounds"),
         ({"config": CONFIG.changed(level="map")}, "level"),
         ({"out": None}, "out"),
+        *(({"config": CONFIG.changed(**{name: value})}, name) for name, value in OTHERWISE.items()),
     ],
 )
 def test_only_the_same_run_goes_on(straight: Straight, changes: dict[str, Any], field: str) -> None:
@@ -150,6 +175,32 @@ def test_only_the_same_run_goes_on(straight: Straight, changes: dict[str, Any], 
     with pytest.raises(CheckpointError) as caught:
         train(**(same | changes), resume=True)
     assert caught.value.field == field
+
+
+def test_more_rounds_go_on_where_the_last_ones_ended(straight: Straight, tmp_path: Path) -> None:
+    shutil.copytree(straight.folders[-1], tmp_path / "m")
+    longer, seen = CONFIG.changed(rounds=6), []
+    run = train(
+        PROBLEM, longer, seed=4, index=2, out=tmp_path / "m", resume=True,
+        on_round=lambda run: seen.append((run.metadata.curve, int(run.state.iteration))),
+    )  # fmt: skip
+    assert [len(curve) for curve, _ in seen] == [5, 6]
+    assert [steps for _, steps in seen] == [5 * 4, 6 * 4]
+    assert run.metadata.curve[:4] == straight.curves[-1]
+    assert checkpoint.load_model(tmp_path / "m").metadata.config == run.metadata.config == longer
+    # The new total is the total: an interruption changes nothing.
+    folder = tmp_path / "again"
+    folder.mkdir()
+    (folder / "checkpoint-4.eqx").write_bytes((straight.folders[-1] / "checkpoint-4.eqx").read_bytes())
+
+    def stop(_run: TrainingRun) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(PROBLEM, longer, seed=4, index=2, out=folder, resume=True, on_round=stop)
+    again = train(PROBLEM, longer, seed=4, index=2, out=folder, resume=True)
+    for one, other in zip(whole(again), whole(run), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_finished_run_does_not_go_on(straight: Straight) -> None:
@@ -178,7 +229,7 @@ def test_a_model_is_not_lost(straight: Straight, changes: dict[str, Any], field:
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 
 
-@pytest.mark.parametrize("name", [checkpoint.MODEL, checkpoint.CHECKPOINT])
+@pytest.mark.parametrize("name", [checkpoint.MODEL, "checkpoint-1.eqx"])
 def test_half_a_model_is_not_lost_either(straight: Straight, tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes((straight.folders[0] / name).read_bytes())
     with pytest.raises(CheckpointError) as caught:
@@ -187,14 +238,14 @@ def test_half_a_model_is_not_lost_either(straight: Straight, tmp_path: Path, nam
 
 
 def test_a_model_is_overwritten_once_there_is_something_to_save(straight: Straight, tmp_path: Path) -> None:
-    for file in straight.folders[-1].iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
+    shutil.copytree(straight.folders[-1], tmp_path, dirs_exist_ok=True)
     with pytest.raises(ScenarioError):
         train(PROBLEM, CONFIG.changed(destinations=9, futures=64), out=tmp_path, overwrite=True)
     assert checkpoint.load_model(tmp_path).metadata.curve == straight.curves[-1]
     run = train(PROBLEM, CONFIG, seed=5, out=tmp_path, overwrite=True)
     assert checkpoint.load_model(tmp_path).metadata == checkpoint.load(tmp_path).metadata == run.metadata
     assert run.metadata.seed == 5
+    assert len(checkpoint.checkpoints(tmp_path)) == 2
 
 
 def test_what_cannot_be_learned_is_refused_before_anything_is_written(tmp_path: Path) -> None:
@@ -237,3 +288,31 @@ def test_training_ends_early_and_does_not_go_on(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError) as error:
         train(certain, config.changed(patience=3), out=tmp_path / "out", resume=True)
     assert error.value.field == "rounds"
+
+
+def test_a_large_state_is_saved_less_often(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved: list[int] = []
+
+    def slowly(run: TrainingRun, *_: object) -> None:
+        saved.append(len(run.metadata.curve))
+        time.sleep(0.1)
+
+    monkeypatch.setattr(runs, "save", slowly)
+    monkeypatch.setattr(runs, "SAVE_SECONDS", 0.0)
+    for share, expected in ((math.inf, [1, 2, 3, 4]), (1e-4, [1, 4])):
+        saved.clear()
+        monkeypatch.setattr(runs, "SAVE_SHARE", share)
+        train(PROBLEM, CONFIG, seed=4, index=2, out=tmp_path)
+        assert saved == expected
+
+
+@pytest.mark.parametrize("rounds", [3, 4])  # unfinished and finished
+def test_the_latest_checkpoint_may_be_damaged(straight: Straight, tmp_path: Path, rounds: int) -> None:
+    for folder in (straight.folders[0], straight.folders[rounds - 1]):
+        shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    latest = tmp_path / f"checkpoint-{rounds}.eqx"
+    latest.write_bytes(latest.read_bytes()[:-1])
+    with pytest.warns(SidestepWarning, match="round 1"):
+        run = train(PROBLEM, CONFIG, seed=4, index=2, out=tmp_path, resume=True)
+    for resumed, expected in zip(whole(run), straight.states[-1], strict=True):
+        np.testing.assert_array_equal(resumed, expected)

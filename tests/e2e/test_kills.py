@@ -119,9 +119,9 @@ def test_trainings_go_on_as_if_nothing_had_happened(killed, tmp_path) -> None:
     folder, args = tmp_path / "m", ["train", "paper-unblocked", "--preset", "tabular-q", "--rounds", str(rounds)]
     curve: tuple[tuple[float, ...], ...] = ()
     for _ in range(KILLS):
-        resume = ["--resume"] if (folder / "checkpoint.eqx").exists() else []
+        resume = ["--resume"] if checkpoint.checkpoints(folder) else []
         how = killed([*args, "--out", str(folder), *resume], tmp_path, 8)
-        if not (folder / "checkpoint.eqx").exists():
+        if not checkpoint.checkpoints(folder):
             assert not curve, how
             continue
         longer = checkpoint.load(folder).metadata.curve

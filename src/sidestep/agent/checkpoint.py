@@ -1,7 +1,9 @@
 """Models and training runs on disk: a folder with what was learned, and with what it takes to go on to the bit."""
 
 import json
-from collections.abc import Callable
+import re
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +19,7 @@ from sidestep.agent.policy import Policy, deployed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.train import TrainState, prepare, uniform_draws
 from sidestep.arguments import PATH, checked
-from sidestep.errors import SidestepError
+from sidestep.errors import SidestepError, SidestepWarning
 from sidestep.files import reason, whole_file
 from sidestep.network.graph import road_network
 from sidestep.scenarios.maps import draw_training_map
@@ -25,15 +27,19 @@ from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.spec import faults
 
 MODEL = "model.eqx"
-CHECKPOINT = "checkpoint.eqx"
 FORMAT: Literal[6] = 6
-READ = {MODEL: (5, FORMAT), CHECKPOINT: (FORMAT,)}
-"""Formats that each file may have: 6 packs the replay, of which a model has none."""
+MODEL_FORMATS = (5, FORMAT)
+"""Formats of models that can be read: 6 packs the replay, of which a model has none."""
+_NUMBERED = re.compile(r"checkpoint-(\d+)\.eqx")
 Tree = TypeVar("Tree")
 
 
 class CheckpointError(SidestepError):
     """A model folder that cannot be read, or whose training cannot go on."""
+
+
+class DamagedError(CheckpointError):
+    """A file that is damaged or cut short; one of before may be whole."""
 
 
 class Metadata(BaseModel):
@@ -55,11 +61,25 @@ class Metadata(BaseModel):
     """Of the streets and crowds that were learned."""
 
     @property
+    def settings(self) -> dict[str, Any]:
+        """All that a training depends on, by name: the scenario's fields with dots, then those of the configuration."""
+        scenario = _flat(self.scenario.model_dump(mode="json"), "scenario.")
+        return {**scenario, "seed": self.seed, "map": self.map, **self.config.model_dump(mode="json")}
+
+    @property
     def finished(self) -> bool:
         """Whether the training is over: all rounds are done, or the test walks have settled."""
         patience, latest = self.config.patience, self.curve[-1 - self.config.patience :]
         settled = 0 < patience < len(latest) and len(set(latest)) == 1
         return len(self.curve) >= self.config.rounds or (settled and max(latest[-1]) < self.scenario.horizon / 60)
+
+
+def _flat(fields: dict[str, Any], prefix: str) -> dict[str, Any]:
+    """The same without dictionaries in it, whose fields have names with dots instead."""
+    flat: dict[str, Any] = {}
+    for name, value in fields.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return flat
 
 
 @dataclass(frozen=True)
@@ -111,20 +131,50 @@ class Checkpoint:
         return Model(self.metadata, self.state.learner.q_network if keeps_last else self.state.kept)
 
 
-def save(checkpoint: Checkpoint, folder: Path) -> None:
-    """Write a training into a folder, as ``model.eqx`` and ``checkpoint.eqx``.
+def save(checkpoint: Checkpoint, folder: Path, keep: int = 1) -> None:
+    """Write a training into a folder, as ``checkpoint-ROUNDS.eqx`` and ``model.eqx``.
 
     Each is one line of JSON, the :class:`Metadata`, then the numbers, and is written whole or not at all.
+
+    Parameters
+    ----------
+    checkpoint, folder
+        What is written, and where.
+    keep
+        How many checkpoints stay, this one included. Those of more rounds go, since they are damaged or of a training
+        that this one replaces.
     """
-    header = checkpoint.metadata.model_dump_json().encode() + b"\n"
-    for name, tree in ((CHECKPOINT, checkpoint.state), (MODEL, checkpoint.model.q_network)):
-        with whole_file(folder / name) as temporary, temporary.open("wb") as file:
-            file.write(header)
-            eqx.tree_serialise_leaves(file, tree)
+    rounds = len(checkpoint.metadata.curve)
+    with whole_file(folder / f"checkpoint-{rounds}.eqx") as temporary:
+        _write(temporary, checkpoint.metadata, checkpoint.state)
+        there = checkpoints(folder)
+        before = [path for path in there if _rounds(path) < rounds]
+        for path in there:
+            if _rounds(path) > rounds or path in before[keep - 1 :]:
+                path.unlink()
+    with whole_file(folder / MODEL) as temporary:
+        _write(temporary, checkpoint.metadata, checkpoint.model.q_network)
+
+
+def _write(path: Path, metadata: Metadata, tree: Any) -> None:
+    with path.open("wb") as file:
+        file.write(metadata.model_dump_json().encode() + b"\n")
+        eqx.tree_serialise_leaves(file, tree)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """List the checkpoints in a folder, the latest first; none where there is no folder."""
+    found = folder.iterdir() if folder.is_dir() else ()
+    return sorted((path for path in found if _NUMBERED.fullmatch(path.name)), key=_rounds, reverse=True)
+
+
+def _rounds(path: Path) -> int:
+    numbered = _NUMBERED.fullmatch(path.name)
+    return int(numbered[1]) if numbered else 0
 
 
 def load(folder: Path) -> Checkpoint:
-    """Read a training back, to go on with it.
+    """Read a training back, to go on with it: from its latest checkpoint or, where that is damaged, one before it.
 
     Parameters
     ----------
@@ -139,8 +189,13 @@ def load(folder: Path) -> Checkpoint:
     Raises
     ------
     CheckpointError
-        The folder holds no training, one of another format, or a damaged one; or the streets or crowds of its scenario
-        have changed.
+        The folder holds no training, one of another format, or damaged ones only; or the streets or crowds of its
+        scenario have changed.
+
+    Warns
+    -----
+    SidestepWarning
+        A checkpoint is damaged and one before it is read.
     """
 
     def template(metadata: Metadata) -> TrainState:
@@ -154,7 +209,10 @@ def load(folder: Path) -> Checkpoint:
         draws = uniform_draws(metadata.config, [], 0, start=True)
         return prepare.shapes(metadata.config, metadata.scenario, drawn, draws)[-1]
 
-    metadata, state = _read(folder, CHECKPOINT, template)
+    metadata, state, damaged = _read_latest(folder, template)
+    for error in damaged:
+        said = f"{error}; going on from the checkpoint of round {len(metadata.curve)}"
+        warnings.warn(said, SidestepWarning, stacklevel=2)
     return Checkpoint(metadata, state)
 
 
@@ -193,7 +251,7 @@ def load_model(folder: Path | str) -> Model:
             network = draw_training_map(scenario, metadata.seed, metadata.map).network
         return jax.eval_shape(partial(untrained, config, scenario), network, jax.random.key(0))
 
-    return Model(*_read(Path(folder), MODEL, template))
+    return Model(*_read(Path(folder) / MODEL, MODEL_FORMATS, template))
 
 
 def read_metadata(folder: Path) -> Metadata:
@@ -214,35 +272,48 @@ def read_metadata(folder: Path) -> Metadata:
     CheckpointError
         As for :func:`load`.
     """
-    return _read(folder, CHECKPOINT, lambda _: ())[0]
+    return _read_latest(folder, lambda _: ())[0]
 
 
-def _read(folder: Path, name: str, template: Callable[[Metadata], Tree]) -> tuple[Metadata, Tree]:
-    path = folder / name
+def _read_latest(folder: Path, template: Callable[[Metadata], Tree]) -> tuple[Metadata, Tree, Sequence[DamagedError]]:
+    """Read the latest checkpoint that is whole, and say which later ones are not."""
+    damaged: list[DamagedError] = []
+    for path in checkpoints(folder):
+        try:
+            return *_read(path, (FORMAT,), template), damaged
+        except DamagedError as error:
+            damaged.append(error)
+    if damaged:
+        raise damaged[0]
+    raise CheckpointError(f"no training in {folder}: there is no checkpoint", field="checkpoint")
+
+
+def _read(path: Path, known: tuple[int, ...], template: Callable[[Metadata], Tree]) -> tuple[Metadata, Tree]:
     try:
         file = path.open("rb")
     except OSError as error:
-        raise CheckpointError(f"no model in {folder}: cannot read {name} ({reason(error)})", field=name) from error
+        said = f"no model in {path.parent}: cannot read {path.name} ({reason(error)})"
+        raise CheckpointError(said, field=path.name) from error
     with file:
         header = file.readline()
-        _check_format(path, header, READ[name])
+        _check_format(path, header, known)
         try:
             metadata = Metadata.model_validate_json(header)
             return metadata, eqx.tree_deserialise_leaves(file, template(metadata))
         except ValidationError as error:
             place, said = faults(error, Metadata)[0]
-            raise CheckpointError(f"{path} is damaged: {said}", field=".".join(place)) from error
+            raise DamagedError(f"{path} is damaged: {said}", field=".".join(place)) from error
         except SidestepError:
             raise
         except Exception as error:  # whatever a damaged file makes the reader say
-            raise CheckpointError(f"{path} is damaged or cut short: {error or type(error).__name__}") from error
+            raise DamagedError(f"{path} is damaged or cut short: {error or type(error).__name__}") from error
 
 
 def _check_format(path: Path, header: bytes, known: tuple[int, ...]) -> None:
     try:
         version = json.loads(header)["format"]
     except (ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{path} is not a Sidestep model, or its beginning is damaged", field="format") from error
+        raise DamagedError(f"{path} is not a Sidestep model, or its beginning is damaged", field="format") from error
     if version not in known:
         raise CheckpointError(
             f"{path} has format {version}, and this version reads {' and '.join(map(str, known))}; train it again",

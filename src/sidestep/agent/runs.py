@@ -10,17 +10,31 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.agent.checkpoint import CHECKPOINT, MODEL, Checkpoint, CheckpointError, Metadata, load, save
+from sidestep.agent.checkpoint import (
+    MODEL,
+    Checkpoint,
+    CheckpointError,
+    Metadata,
+    checkpoints,
+    load,
+    read_metadata,
+    save,
+)
 from sidestep.agent.config import TrainConfig, TrainConfigError
-from sidestep.agent.train import TrainState, training_rounds
-from sidestep.arguments import FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
+from sidestep.agent.train import training_rounds
+from sidestep.arguments import COUNT, FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
 from sidestep.files import output_folder
 from sidestep.scenarios.episodes import check_paths, destinations_of
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import A_SCENARIO, Scenario
 
 SAVE_SECONDS = 2.0
-"""Time between two checkpoints, s."""
+"""Least time between two checkpoints, s."""
+SAVE_SHARE = 0.005
+"""Largest share of its time that a training spends on saving, but for the first and the last checkpoint: the
+larger they are, the longer it waits."""
+KEEP_CHECKPOINTS = 2
+"""Checkpoints that stay in the folder: should the latest be damaged, the training goes on from the one before."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +91,7 @@ OnRound = Callable[[TrainingRun], None]
     out=PATH,
     resume=FLAG,
     overwrite=FLAG,
+    keep_checkpoints=COUNT,
     on_round=FUNCTION,
 )
 def train(
@@ -88,6 +103,7 @@ def train(
     out: Path | str | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    keep_checkpoints: int = KEEP_CHECKPOINTS,
     on_round: OnRound = lambda _run: None,
 ) -> TrainingRun:
     """Train an agent on one map of a scenario, or on its training maps where it has such.
@@ -103,13 +119,17 @@ def train(
     index
         Number of the map.
     out
-        Folder for the model; it is saved after the first round, every few seconds, and at the end.
+        Folder for the model and its checkpoints; both are saved after the first round, every few seconds (less often
+        where saving takes long), and at the end.
     resume
-        Go on with the model in ``out``, which must be of the same scenario, map, seed and configuration. The result is
-        the same, to the bit, as without the interruption.
+        Go on with the training in ``out``, which must be of the same scenario, map, seed and configuration. The result
+        is the same, to the bit, as without the interruption. Only ``rounds`` may be more than before, also where all of
+        them were done: schedules, such as that of ε, then go on as if there had always been so many.
     overwrite
         Replace the model in ``out``, finished or not, as soon as there is something to save. Without it, and without
         ``resume``, a model that is there is refused.
+    keep_checkpoints
+        How many checkpoints stay in ``out``, the latest ones.
     on_round
         Called after every round with the run so far, to report progress or to judge what has been learned.
 
@@ -128,7 +148,12 @@ def train(
     ScenarioError
         There are fewer destinations than are to be learned, or no way on from a crossing.
     OutputError
-        The folder cannot be written to.
+        The folder cannot be written to; what was saved before stays.
+
+    Warns
+    -----
+    SidestepWarning
+        The latest checkpoint is damaged, and the training goes on from one before it.
 
     Examples
     --------
@@ -148,10 +173,13 @@ def train(
     state = None
     if out is not None:
         if resume:
-            metadata, state = _resumed(out, metadata)
+            _check_same(out, metadata)
+            found = load(out)
+            metadata, state = metadata.model_copy(update={"curve": found.metadata.curve}), found.state
+            _check_unfinished(out, metadata)
         output_folder(out)
     before = len(metadata.curve)
-    began, first, saved = perf_counter(), math.inf, -math.inf
+    began, first, save_at = perf_counter(), math.inf, -math.inf
     for now, report in training_rounds(config, scenario, drawn, state):
         curve = (*metadata.curve, tuple(report.test_minutes.tolist()))
         metadata = metadata.model_copy(update={"curve": curve})
@@ -159,9 +187,10 @@ def train(
         first, done = min(first, at), len(curve) - before
         rate = (done - 1) / (at - first) if done > 1 else 1 / (at - began)  # rounds per second
         run = TrainingRun(metadata, now, at - began, rate * config.round_steps, rate * config.iterations, folder=out)
-        if out is not None and (metadata.finished or at - saved > SAVE_SECONDS):
-            save(run, out)
+        if out is not None and (metadata.finished or at > save_at):
+            save(run, out, keep_checkpoints)
             saved = perf_counter()
+            save_at = saved + max(SAVE_SECONDS, (saved - at) / SAVE_SHARE)
         on_round(run)
         if metadata.finished:
             break
@@ -176,23 +205,28 @@ def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool) -> None
         if resume or overwrite:
             word = "resume" if resume else "overwrite"
             raise CheckpointError(f"to {word} a training, give the folder of its model: --out", field="out")
-    elif not (resume or overwrite) and any((folder / name).exists() for name in (MODEL, CHECKPOINT)):
-        onward = "go on with it (--resume), " if (folder / CHECKPOINT).exists() else ""
+    elif not (resume or overwrite) and ((there := checkpoints(folder)) or (folder / MODEL).exists()):
+        onward = "go on with it (--resume), " if there else ""
         said = f"{folder} has a model already: {onward}replace it (--overwrite) or choose another folder with --out"
         raise CheckpointError(said, field="out")
 
 
-def _resumed(folder: Path, wanted: Metadata) -> tuple[Metadata, TrainState]:
-    """What is in the folder, if it is a part of the training that is wanted."""
-    found = load(folder)
-    old, new = (dict(each) | dict(each.config) for each in (found.metadata, wanted))
-    for name in ("scenario", "seed", "map", *dict(wanted.config)):
-        if old[name] != new[name]:
-            words = f"another {name}" if name == "scenario" else f"{name} {old[name]}, not {new[name]}"
-            said = f"the training in {folder} has {words}; it cannot go on: ask for the same, or --overwrite it"
-            raise CheckpointError(said, field=name)
-    if found.metadata.finished:
-        rounds = len(found.metadata.curve)
-        said = f"the model in {folder} has been trained to the end, {rounds} rounds; use it, or --overwrite it"
+def _check_same(folder: Path, wanted: Metadata) -> None:
+    """Refuse to go on with the training in a folder if it is another one."""
+    found = read_metadata(folder)
+    before, asked = found.settings, wanted.settings
+    for name in before | asked:
+        old, new = (f"{settings.get(name)!s:.60}" for settings in (before, asked))
+        if before.get(name) != asked.get(name) and not (name == "rounds" and asked[name] > before[name]):
+            more = " or more" if name == "rounds" else ""
+            said = f"the training in {folder} has {name} {old}, not {new}"
+            raise CheckpointError(f"{said}; ask for the same{more}, or --overwrite it", field=name)
+
+
+def _check_unfinished(folder: Path, metadata: Metadata) -> None:
+    """Refuse to go on with a training that is over."""
+    if metadata.finished:
+        done = len(metadata.curve)
+        more = ", ask for more with --rounds" if done == metadata.config.rounds else ""  # or its walks have settled
+        said = f"the model in {folder} has been trained to the end, {done} rounds; use it{more}, or --overwrite it"
         raise CheckpointError(said, field="rounds")
-    return found.metadata, found.state

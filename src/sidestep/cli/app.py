@@ -4,6 +4,7 @@ import logging
 import os
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
@@ -14,9 +15,10 @@ from sidestep.cli.compare import compare
 from sidestep.cli.route import route
 from sidestep.cli.serve import replay, serve
 from sidestep.cli.train import train
-from sidestep.errors import SidestepError
+from sidestep.errors import SidestepError, SidestepWarning
 
 INTERRUPTED, BAD_INPUT = 130, 2
+_as_python_does = warnings.formatwarning
 _NUMBER, _OPTION = re.compile(r"[-+]?\d+(\.\d*)?,?"), re.compile(r"^(--[\w-]+)=")
 _DAY, _CLOCK = re.compile(r"[\w./-]+"), re.compile(r"\d{1,2}(:\d{2}){1,2}\S*")
 
@@ -105,8 +107,18 @@ def _complain(status: int, sentence: str) -> int:
     return status
 
 
+def _as_sentence(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """Write warnings that are meant for people as one sentence, and others as Python does."""
+    if isinstance(message, SidestepWarning):
+        return f"sidestep: {message}\n"
+    return _as_python_does(message, category, filename, lineno, line)
+
+
 def main() -> None:
     """Run the command line and leave the process."""
+    warnings.formatwarning = _as_sentence
     sys.path.append("")  # planners in the current folder, as MODULE:NAME
     status = run()
     sys.stdout.flush()

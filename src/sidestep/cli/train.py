@@ -78,6 +78,7 @@ def train(
     out: Path | None = None,
     resume: options.Flag = False,
     overwrite: options.Flag = False,
+    keep_checkpoints: options.Whole = 2,
     seed: options.Seed = 0,
     as_json: options.Json = False,
 ) -> None:
@@ -88,9 +89,11 @@ def train(
     out
         Folder for the model, saved every few seconds, and for the picture of its learning curve.
     resume
-        Go on with the model in --out.
+        Go on with the training in --out, as if it had not been interrupted. More --rounds than before may be asked for.
     overwrite
         Replace the model in --out as soon as there is something to save.
+    keep_checkpoints
+        Checkpoints that stay in --out, the latest ones.
     """
     options.check_least(seed=seed, map=index)
     options.start_jax()
@@ -117,6 +120,7 @@ def train(
                 out=out,
                 resume=resume,
                 overwrite=overwrite,
+                keep_checkpoints=keep_checkpoints,
                 on_round=on_round,
             )
     finally:  # also of a training that is interrupted
