@@ -167,6 +167,12 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def remove_unfinished(folder: Path, names: str) -> None:
+    """Remove what processes that were killed in :func:`whole_file` left of files with such names, such as ``*.eqx``."""
+    for left in folder.glob(f".{names}.*.part"):
+        left.unlink(missing_ok=True)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all."""
     with whole_file(path) as temporary:

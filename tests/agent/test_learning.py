@@ -82,7 +82,7 @@ def test_td_error(double: bool, by_hand: float) -> None:
     # double Q 2 + .5 * 13 - 3 = 5.5, because the network prefers exit 2.
     config = PRESETS["paper"].changed(double=double)
     found = td_error(config, constant(1, 3, 8), constant(22, 9, 13), item)
-    np.testing.assert_allclose(found, by_hand, rtol=1e-6)
+    np.testing.assert_allclose(found, (by_hand, 3), rtol=1e-6)
 
 
 # --- One step -------------------------------------------------------------------------------------------------------
@@ -103,9 +103,9 @@ def test_one_step_on_a_table_by_hand() -> None:
     # All of the batch is the one step whose error is 6 - 2 = 4. The gradient of its square is -2 * 4, the rate .25.
     config = PRESETS["tabular-q"].changed(learning_rate=0.25, learning_rate_end=0.25)
     learner = start_learner(config, QTable(jnp.array([[1.0, 2.0], [3.0, 4.0]])))
-    learner, replay, loss = learn(config, learner, memory_of((0, 1, 6.0, 1)), jnp.int32(0), jnp.linspace(0, 0.99, 64))
+    learner, replay, report = learn(config, learner, memory_of((0, 1, 6.0, 1)), jnp.int32(0), jnp.linspace(0, 0.99, 64))
     np.testing.assert_allclose(learner.q_network.q, [[1, 2 + 0.25 * 8], [3, 4]], rtol=1e-6)
-    assert float(loss) == 16
+    assert (float(report.loss), float(report.td_error), float(report.q)) == (16, 4, 2)
     # A table's target is a copy, after every iteration. Without priorities all have priority 1.
     np.testing.assert_array_equal(learner.target.q, learner.q_network.q)
     assert float(replay.priorities.total) == 1
@@ -115,9 +115,10 @@ def test_errors_become_priorities() -> None:
     config = PRESETS["tabular-q"].changed(alpha=0.5, beta=0.0, priority_floor=0.0)
     learner = start_learner(config, QTable(jnp.zeros((2, 2))))
     # Both steps are in the batch: errors 4 and -9 have priorities 2 and 3.
-    _, replay, _ = learn(
+    _, replay, report = learn(
         config, learner, memory_of((0, 0, 4.0, 1), (1, 1, -9.0, 0)), jnp.int32(0), jnp.linspace(0, 0.99, 64)
     )
+    assert float(report.td_error) == pytest.approx(6.5)  # as large in the mean; half of the batch is of each
     assert replay.priorities.leaves[0, :2].tolist() == pytest.approx([2, 3])
 
 
@@ -125,9 +126,9 @@ def test_errors_become_priorities() -> None:
 def test_large_errors_count_in_proportion(huber: float, by_hand: float) -> None:
     config = PRESETS["tabular-q"].changed(huber=huber)
     learner = start_learner(config, QTable(jnp.zeros((2, 2))))
-    *_, loss = learn(config, learner, memory_of((0, 1, 4.0, 1)), jnp.int32(0), jnp.linspace(0, 0.99, 64))
+    *_, report = learn(config, learner, memory_of((0, 1, 4.0, 1)), jnp.int32(0), jnp.linspace(0, 0.99, 64))
     # 4² = 16; beyond 1 it is 2 (4 - 1/2) = 7.
-    assert float(loss) == pytest.approx(by_hand)
+    assert float(report.loss) == pytest.approx(by_hand)
 
 
 @pytest.mark.parametrize(("period", "rate"), [(1, 1.0), (1, 0.25), (2, 0.25), (5, 1.0)])

@@ -16,9 +16,11 @@ from sidestep import programs
 from sidestep.agent import checkpoint, problem, runs
 from sidestep.agent.checkpoint import CheckpointError
 from sidestep.agent.config import TrainConfig, TrainConfigError
+from sidestep.agent.metrics import is_running, read_metrics
 from sidestep.agent.presets import preset
 from sidestep.agent.runs import TrainingRun, train
 from sidestep.errors import SidestepWarning
+from sidestep.planners.time_dependent import least_minutes
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.spec import ScenarioError
@@ -39,7 +41,7 @@ class Straight:
     """A run from beginning to end, saved after each of its rounds."""
 
     def __init__(self, folder: Path) -> None:
-        self.folders, self.curves, self.states = [], [], []
+        self.folders, self.curves, self.states, self.lines = [], [], [], []
 
         def on_round(run: TrainingRun) -> None:
             self.folders.append(folder / str(len(run.metadata.curve)))
@@ -47,8 +49,11 @@ class Straight:
             checkpoint.save(run, self.folders[-1])
             self.curves.append(run.metadata.curve)
             self.states.append(whole(run))
+            self.lines.append(run.metrics)
 
-        self.run = train(PROBLEM, CONFIG, seed=4, index=2, out=folder / "out", on_round=on_round)
+        self.run = train(
+            PROBLEM, CONFIG, seed=4, index=2, out=folder / "out", on_round=on_round, least_minutes=least_minutes
+        )
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +71,82 @@ def test_reports_every_round(straight: Straight) -> None:
     assert run.metadata.config == CONFIG
     assert run.metadata.fingerprint == draw_training_map(PROBLEM, 4, 2).fingerprint
     assert run.seconds > 0
-    assert run.steps_per_second == pytest.approx(16 * run.updates_per_second)
+    assert run.metrics.steps_per_second == pytest.approx(16 * run.metrics.updates_per_second)
+
+
+def test_metrics_have_a_line_for_every_round(straight: Straight) -> None:
+    lines, means = straight.lines, straight.run.metadata.means
+    assert read_metrics(straight.run.folder) == lines
+    assert straight.run.metrics == lines[-1]
+    assert [(line.round, line.steps, line.minutes) for line in lines] == [
+        (1, 64, means[0]), (2, 128, means[1]), (3, 192, means[2]), (4, 256, means[3]),
+    ]  # fmt: skip
+    fall = CONFIG.epsilon_end - CONFIG.epsilon  # over the first half
+    assert [line.epsilon for line in lines] == pytest.approx(
+        [CONFIG.epsilon + fall / 2, *[CONFIG.epsilon_end] * 3], rel=1e-6
+    )
+    horizon = PROBLEM.horizon / 60
+    for line, walks in zip(lines, straight.curves[-1], strict=True):
+        assert line.arrival_rate == np.mean([minutes < horizon for minutes in walks])
+        assert 0 < line.td_error**2 <= line.loss  # without priorities all weights are 1
+        assert line.q < 0  # time is lost until the end
+        assert line.gap >= -1e-6  # nobody is faster than the clairvoyant
+    # The bound is the same in every round.
+    assert [line.minutes / (1 + line.gap) for line in lines] == pytest.approx(
+        [lines[0].minutes / (1 + lines[0].gap)] * 4
+    )
+    seconds = [line.seconds for line in lines]
+    assert 0 < seconds[0] < seconds[1] < seconds[2] < seconds[3] == straight.run.seconds
+
+
+def test_metrics_go_on_as_if_there_had_been_no_interruption(straight: Straight, tmp_path: Path) -> None:
+    folder = shutil.copytree(straight.run.folder, tmp_path / "m")
+    (folder / "checkpoint-4.eqx").unlink()
+    with (folder / "metrics.jsonl").open("ab") as file:
+        file.write(b'{"round":5,"st')  # torn
+    assert read_metrics(folder) == straight.lines
+    train(PROBLEM, CONFIG, seed=4, index=2, out=folder, resume=True, least_minutes=least_minutes)
+    found = read_metrics(folder)
+    assert found[0] == straight.lines[0]
+    timeless = {"seconds", "steps_per_second", "updates_per_second"}
+    assert [line.model_dump(exclude=timeless) for line in found] == [
+        line.model_dump(exclude=timeless) for line in straight.lines
+    ]
+    assert found[1].seconds > found[0].seconds
+    # Lines of another training are no part of this one.
+    other = train(PROBLEM, CONFIG, seed=5, out=folder, overwrite=True)
+    assert [line.round for line in read_metrics(folder)] == [1, 2, 3, 4]
+    assert read_metrics(folder)[-1] == other.metrics
+    assert other.metrics.gap is None
+    (folder / "checkpoint-4.eqx").unlink()
+    shutil.copy(straight.run.folder / "checkpoint-1.eqx", folder)
+    train(PROBLEM, CONFIG, seed=4, index=2, out=folder, resume=True)
+    assert [line.round for line in read_metrics(folder)] == [2, 3, 4]
+
+
+def test_a_second_training_into_a_folder_is_refused(tmp_path: Path) -> None:
+    refused: list[str | None] = []
+
+    def second(_run: TrainingRun) -> None:
+        assert is_running(tmp_path)
+        for flags in ({"resume": True}, {"overwrite": True}):
+            with pytest.raises(CheckpointError) as caught:
+                train(PROBLEM, CONFIG, out=tmp_path, **flags)
+            refused.append(caught.value.field)
+
+    assert not is_running(tmp_path)
+    run = train(PROBLEM, CONFIG, out=tmp_path, on_round=second)
+    assert not is_running(tmp_path)
+    assert refused == ["out"] * 8
+    assert checkpoint.load(tmp_path).metadata == run.metadata
+    assert len(read_metrics(tmp_path)) == 4
+
+
+def test_what_a_killed_training_had_half_written_is_cleared_away(tmp_path: Path) -> None:
+    for name in (".checkpoint-7.eqx.4711.part", ".model.eqx.4711.part"):
+        (tmp_path / name).write_bytes(b"half")
+    train(PROBLEM, CONFIG, out=tmp_path)
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
 def test_json_is_what_the_command_line_prints(straight: Straight) -> None:
@@ -85,7 +165,7 @@ def test_json_is_what_the_command_line_prints(straight: Straight) -> None:
 def test_the_last_round_is_saved(straight: Straight) -> None:
     assert straight.run.folder is not None
     assert sorted(file.name for file in straight.run.folder.iterdir()) == [
-        "checkpoint-1.eqx", "checkpoint-4.eqx", "model.eqx",
+        "checkpoint-1.eqx", "checkpoint-4.eqx", "metrics.jsonl", "model.eqx",
     ]  # fmt: skip
     model = checkpoint.load_model(straight.run.folder)
     assert model.metadata == straight.run.metadata

@@ -89,7 +89,7 @@ def test_counts_rounds_and_iterations(history: list[tuple[TrainState, RoundRepor
     assert [int(state.iteration) for state, _ in history] == list(range(1, 21))
     assert [int(state.replay.added) for state, _ in history] == list(range(64, 21 * 64, 64))
     assert all(report.test_minutes.shape == (10,) for _, report in history)
-    assert all(np.isfinite(report.loss) and report.loss > 0 for _, report in history)
+    assert all(np.isfinite(report.learned.loss) and report.learned.loss > 0 for _, report in history)
 
 
 def test_every_round_draws_its_own_numbers() -> None:

@@ -278,7 +278,9 @@ def test_a_level_is_trained_and_said(local_model):
     assert (summary["config"]["n_step"], summary["config"]["destinations"]) == (2, 2)
     assert len(summary["curve_minutes"]) == 1
     assert (summary["model"], summary["picture"]) == (str(folder), str(folder / "learning-curve.png"))
-    assert sorted(file.name for file in folder.iterdir()) == ["checkpoint-1.eqx", "learning-curve.png", "model.eqx"]
+    assert sorted(file.name for file in folder.iterdir()) == [
+        "checkpoint-1.eqx", "learning-curve.png", "metrics.jsonl", "model.eqx",
+    ]  # fmt: skip
 
 
 def test_compare_takes_a_model_of_a_level(sidestep, local_model):
@@ -363,7 +365,7 @@ def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
 
     kept = [path.name for path in checkpoint.checkpoints(folder)]
     assert 1 <= len(kept) <= 2
-    assert {file.name for file in folder.iterdir()} == {*kept, "learning-curve.png", "model.eqx"}
+    assert {file.name for file in folder.iterdir()} == {*kept, "learning-curve.png", "metrics.jsonl", "model.eqx"}
     assert len(checkpoint.load(folder).metadata.curve) >= 1
     assert len(checkpoint.load_model(folder).metadata.curve) >= 1
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Literal, TypeVar
 
 import equinox as eqx
@@ -65,6 +66,11 @@ class Metadata(BaseModel):
         """All that a training depends on, by name: the scenario's fields with dots, then those of the configuration."""
         scenario = _flat(self.scenario.model_dump(mode="json"), "scenario.")
         return {**scenario, "seed": self.seed, "map": self.map, **self.config.model_dump(mode="json")}
+
+    @property
+    def means(self) -> list[float]:
+        """Mean of the greedy test walks in minutes, round by round."""
+        return [fmean(walks) for walks in self.curve]
 
     @property
     def finished(self) -> bool:

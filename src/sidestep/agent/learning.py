@@ -30,6 +30,17 @@ class Learner(eqx.Module):
     """Leaves of the optimiser's state."""
 
 
+class BatchReport(eqx.Module):
+    """How the gradient step on a batch went; of several batches, the means."""
+
+    loss: Float[Array, ""]
+    """Weighted mean over the batch, reward²."""
+    td_error: Float[Array, ""]
+    """Mean size of the temporal-difference errors, in units of reward."""
+    q: Float[Array, ""]
+    """Mean value of the exits that were taken, in units of reward."""
+
+
 Optimiser = tuple[Callable[..., Any], Callable[..., Any]]
 """How a state begins, and how gradients become changes: an ``optax.GradientTransformation``."""
 
@@ -76,7 +87,7 @@ def learn(
     iteration: Int[Array, ""],
     draws: Float[Array, " batch"],
     evaluated: Callable[[QNetwork], QNetwork] = lambda q_network: q_network,
-) -> tuple[Learner, Replay[Transition], Float[Array, ""]]:
+) -> tuple[Learner, Replay[Transition], BatchReport]:
     """Take one gradient step on a batch of the replay, and move the target network when its time has come.
 
     Parameters
@@ -98,8 +109,8 @@ def learn(
         After the step.
     replay
         With new priorities.
-    loss
-        Weighted mean over the batch, reward².
+    report
+        How the step went.
 
     References
     ----------
@@ -109,14 +120,14 @@ def learn(
 
     index, batch, weight = sample(replay, draws, config.beta)
 
-    def loss(q_network: QNetwork) -> tuple[Float[Array, ""], Float[Array, " batch"]]:
+    def loss(q_network: QNetwork) -> tuple[Float[Array, ""], tuple[Float[Array, " batch"], Float[Array, " batch"]]]:
         online, target = map(evaluated, (q_network, learner.target))
-        error = jax.vmap(partial(td_error, config, online, target))(batch)
+        error, value = jax.vmap(partial(td_error, config, online, target))(batch)
         # Twice the Huber loss is the square, as far as it goes.
         losses = 2 * optax.huber_loss(error, delta=config.huber) if config.huber else error**2
-        return jnp.mean(weight * losses), error
+        return jnp.mean(weight * losses), (error, value)
 
-    (mean_loss, error), gradient = jax.value_and_grad(loss, has_aux=True)(learner.q_network)
+    (mean_loss, (error, value)), gradient = jax.value_and_grad(loss, has_aux=True)(learner.q_network)
     replay = reprioritise(replay, index, error, config.alpha, config.priority_floor)
     begin, update = optimiser(config)
     structure = jax.tree.structure(jax.eval_shape(begin, learner.q_network))
@@ -124,11 +135,15 @@ def learn(
     q_network = optax.apply_updates(learner.q_network, change)
     rate = jnp.where((iteration + 1) % config.target_period == 0, config.target_rate, 0.0)
     target = optax.incremental_update(q_network, learner.target, rate)
-    return Learner(q_network, target, tuple(jax.tree.leaves(state))), replay, mean_loss
+    report = BatchReport(mean_loss, jnp.mean(jnp.abs(error)), jnp.mean(value))
+    return Learner(q_network, target, tuple(jax.tree.leaves(state))), replay, report
 
 
-def td_error(config: TrainConfig, q_network: QNetwork, target: QNetwork, item: Transition) -> Float[Array, ""]:
-    """Temporal-difference error of one transition, in units of reward."""
+def td_error(
+    config: TrainConfig, q_network: QNetwork, target: QNetwork, item: Transition
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Temporal-difference error of one transition, and the value of the exit that was taken, in units of reward."""
     q_tm1, q_t = q_network(item.observation_tm1), target(item.observation_t)
     selector_t = jax.lax.stop_gradient(q_network(item.observation_t)) if config.double else q_t
-    return q_learning(q_tm1, item.a_tm1, item.r_t, item.discount_t, q_t, selector_t, item.observation_t.valid)
+    error = q_learning(q_tm1, item.a_tm1, item.r_t, item.discount_t, q_t, selector_t, item.observation_t.valid)
+    return error, q_tm1[item.a_tm1]

@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from time import perf_counter
 from typing import Any
 
@@ -21,9 +23,11 @@ from sidestep.agent.checkpoint import (
     save,
 )
 from sidestep.agent.config import TrainConfig, TrainConfigError
-from sidestep.agent.train import training_rounds
+from sidestep.agent.metrics import MetricsFile, RoundMetrics, open_metrics
+from sidestep.agent.train import RoundReport, TrainState, training_rounds
 from sidestep.arguments import COUNT, FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
-from sidestep.files import output_folder
+from sidestep.environment.types import EnvParams, Instance
+from sidestep.files import output_folder, remove_unfinished
 from sidestep.scenarios.episodes import check_paths, destinations_of
 from sidestep.scenarios.maps import draw_training_map
 from sidestep.scenarios.model import A_SCENARIO, Scenario
@@ -46,10 +50,8 @@ class TrainingRun(Checkpoint):
 
     seconds: float
     """Time since the run was started or resumed, s."""
-    steps_per_second: float
-    """Environment steps; the first round is left out, since it waits for the compiler."""
-    updates_per_second: float
-    """Gradient steps."""
+    metrics: RoundMetrics
+    """How the latest round went, as ``metrics.jsonl`` has it."""
     folder: Path | None
     """Where the model is saved."""
 
@@ -71,15 +73,17 @@ class TrainingRun(Checkpoint):
             "level": config.level,
             "config": config.model_dump(mode="json"),
             "seconds": self.seconds,
-            "steps_per_second": self.steps_per_second,
-            "updates_per_second": self.updates_per_second,
-            "curve_minutes": [sum(walks) / len(walks) for walks in self.metadata.curve],
+            "steps_per_second": self.metrics.steps_per_second,
+            "updates_per_second": self.metrics.updates_per_second,
+            "curve_minutes": self.metadata.means,
             "best_minutes": self.best_minutes,
             "model": None if self.folder is None else str(self.folder),
         }
 
 
 OnRound = Callable[[TrainingRun], None]
+LeastMinutes = Callable[[EnvParams, Instance], Float[np.ndarray, " walk"]]
+"""Works out how many minutes walks through an environment take at least."""
 
 
 @checked(
@@ -92,6 +96,7 @@ OnRound = Callable[[TrainingRun], None]
     resume=FLAG,
     overwrite=FLAG,
     keep_checkpoints=COUNT,
+    least_minutes=FUNCTION,
     on_round=FUNCTION,
 )
 def train(
@@ -104,6 +109,7 @@ def train(
     resume: bool = False,
     overwrite: bool = False,
     keep_checkpoints: int = KEEP_CHECKPOINTS,
+    least_minutes: LeastMinutes | None = None,
     on_round: OnRound = lambda _run: None,
 ) -> TrainingRun:
     """Train an agent on one map of a scenario, or on its training maps where it has such.
@@ -120,7 +126,8 @@ def train(
         Number of the map.
     out
         Folder for the model and its checkpoints; both are saved after the first round, every few seconds (less often
-        where saving takes long), and at the end.
+        where saving takes long), and at the end. ``metrics.jsonl`` there has a line for every round
+        (:class:`~sidestep.agent.metrics.RoundMetrics`).
     resume
         Go on with the training in ``out``, which must be of the same scenario, map, seed and configuration. The result
         is the same, to the bit, as without the interruption. Only ``rounds`` may be more than before, also where all of
@@ -130,6 +137,9 @@ def train(
         ``resume``, a model that is there is refused.
     keep_checkpoints
         How many checkpoints stay in ``out``, the latest ones.
+    least_minutes
+        Works out the least minutes of the greedy test walks, such as
+        :func:`sidestep.planners.time_dependent.least_minutes`; the metrics then have the gap to them.
     on_round
         Called after every round with the run so far, to report progress or to judge what has been learned.
 
@@ -142,7 +152,7 @@ def train(
     ------
     CheckpointError
         There is nothing to resume, or it was trained otherwise or to the end; or ``out`` has a model that is neither to
-        be resumed nor overwritten (field ``out``), or both (``overwrite``).
+        be resumed nor overwritten, or another training writes to it (field ``out``), or both flags (``overwrite``).
     TrainConfigError
         Anything that is not as above; the parameter is its field.
     ScenarioError
@@ -170,31 +180,82 @@ def train(
     destinations_of(drawn, config.destinations)
     check_paths(drawn)
     metadata = Metadata(scenario=scenario, seed=seed, map=index, config=config, fingerprint=drawn.fingerprint)
-    state = None
-    if out is not None:
-        if resume:
-            _check_same(out, metadata)
-            found = load(out)
-            metadata, state = metadata.model_copy(update={"curve": found.metadata.curve}), found.state
-            _check_unfinished(out, metadata)
-        output_folder(out)
-    before = len(metadata.curve)
-    began, first, save_at = perf_counter(), math.inf, -math.inf
-    for now, report in training_rounds(config, scenario, drawn, state):
-        curve = (*metadata.curve, tuple(report.test_minutes.tolist()))
-        metadata = metadata.model_copy(update={"curve": curve})
-        at = perf_counter()
-        first, done = min(first, at), len(curve) - before
-        rate = (done - 1) / (at - first) if done > 1 else 1 / (at - began)  # rounds per second
-        run = TrainingRun(metadata, now, at - began, rate * config.round_steps, rate * config.iterations, folder=out)
-        if out is not None and (metadata.finished or at > save_at):
-            save(run, out, keep_checkpoints)
-            saved = perf_counter()
-            save_at = saved + max(SAVE_SECONDS, (saved - at) / SAVE_SHARE)
-        on_round(run)
-        if metadata.finished:
-            break
+    least: list[float] = []
+
+    def on_tests(params: EnvParams, tests: Instance) -> None:
+        if least_minutes is not None:
+            least.append(float(np.mean(least_minutes(params, tests))))
+
+    with ExitStack() as opened:
+        folder = state = None
+        if out is not None:
+            if resume:
+                _check_same(out, metadata)
+            folder = _Folder(output_folder(out), opened.enter_context(open_metrics(out)), keep_checkpoints)
+            _check_folder(out, resume=resume, overwrite=overwrite)  # another training may just have ended there
+            if resume:
+                metadata, state = _resumed(out, metadata)
+        before = metadata
+        began, first, earlier = perf_counter(), math.inf, 0.0
+        for now, report in training_rounds(config, scenario, drawn, state, on_tests):
+            at = perf_counter()
+            if folder is not None and metadata is before:
+                earlier = folder.begin(metadata)
+            metadata = metadata.model_copy(update={"curve": (*metadata.curve, tuple(report.test_minutes.tolist()))})
+            first, done = min(first, at), len(metadata.curve) - len(before.curve)
+            rate = (done - 1) / (at - first) if done > 1 else 1 / (at - began)  # rounds per second
+            metrics = _line(metadata, report, earlier + at - began, rate, *least)
+            run = TrainingRun(metadata, now, at - began, metrics, out)
+            if folder is not None:
+                folder.add(run)
+            on_round(run)
+            if metadata.finished:
+                break
     return run
+
+
+class _Folder:
+    """Where a training under way saves what it has learned, and how it went."""
+
+    def __init__(self, path: Path, metrics: MetricsFile, keep: int) -> None:
+        self._path, self._metrics, self._keep = path, metrics, keep
+        self._save_at = -math.inf
+
+    def begin(self, metadata: Metadata) -> float:
+        """Clear away what the rounds so far did not write, and say how many seconds these took."""
+        remove_unfinished(self._path, "*.eqx")
+        kept = self._metrics.cut(metadata.means)
+        return kept[-1].seconds if kept else 0.0
+
+    def add(self, run: TrainingRun) -> None:
+        """Write down how a round went and, at the end or if it is time, what has been learned."""
+        self._metrics.append(run.metrics)
+        began = perf_counter()
+        if run.metadata.finished or began > self._save_at:
+            save(run, self._path, self._keep)
+            ended = perf_counter()
+            self._save_at = ended + max(SAVE_SECONDS, (ended - began) / SAVE_SHARE)
+
+
+def _line(
+    metadata: Metadata, report: RoundReport, seconds: float, rate: float, least: float | None = None
+) -> RoundMetrics:
+    """How a training stands after a round, at so many rounds a second."""
+    config, rounds, minutes = metadata.config, len(metadata.curve), fmean(metadata.curve[-1])
+    return RoundMetrics(
+        round=rounds,
+        steps=rounds * config.round_steps,
+        seconds=seconds,
+        loss=float(report.learned.loss),
+        td_error=float(report.learned.td_error),
+        q=float(report.learned.q),
+        epsilon=float(report.epsilon),
+        minutes=minutes,
+        gap=None if least is None else minutes / least - 1,
+        arrival_rate=float(np.mean(report.test_arrived)),
+        steps_per_second=rate * config.round_steps,
+        updates_per_second=rate * config.iterations,
+    )
 
 
 def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool) -> None:
@@ -223,10 +284,13 @@ def _check_same(folder: Path, wanted: Metadata) -> None:
             raise CheckpointError(f"{said}; ask for the same{more}, or --overwrite it", field=name)
 
 
-def _check_unfinished(folder: Path, metadata: Metadata) -> None:
-    """Refuse to go on with a training that is over."""
+def _resumed(folder: Path, wanted: Metadata) -> tuple[Metadata, TrainState]:
+    """Where the training in a folder stands, unless it is over."""
+    found = load(folder)
+    metadata = wanted.model_copy(update={"curve": found.metadata.curve})
     if metadata.finished:
         done = len(metadata.curve)
         more = ", ask for more with --rounds" if done == metadata.config.rounds else ""  # or its walks have settled
         said = f"the model in {folder} has been trained to the end, {done} rounds; use it{more}, or --overwrite it"
         raise CheckpointError(said, field="rounds")
+    return metadata, found.state

@@ -1,6 +1,6 @@
 """Training rounds: act, remember, learn, test; one compiled program per round (the paper's algorithm 1)."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -11,14 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.agent.acting import ACTING_DRAWS, Transition, Walkers, act, place_walkers
+from sidestep.agent.acting import ACTING_DRAWS, Transition, Walkers, act, epsilon, place_walkers
 from sidestep.agent.config import TrainConfig
-from sidestep.agent.learning import Learner, learn, start_learner
+from sidestep.agent.learning import BatchReport, Learner, learn, start_learner
 from sidestep.agent.policy import Policy, deployed
 from sidestep.agent.problem import Problem, pose, renewed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.replay import Replay, add, empty_replay
 from sidestep.environment.rollout import walk
+from sidestep.environment.types import EnvParams, Instance
 from sidestep.programs import program
 from sidestep.scenarios.episodes import DRAWS, InstanceSampler
 from sidestep.scenarios.maps import PURPOSES, ScenarioMap, purpose_key
@@ -45,12 +46,18 @@ class RoundReport(eqx.Module):
     test_minutes: Float[Array, " test"]
     """Travel time or cost of each greedy test walk, min; the horizon if it did not arrive."""
     test_arrived: Bool[Array, " test"]
-    loss: Float[Array, ""]
-    """Mean over the round, reward²."""
+    learned: BatchReport
+    """Means over the round's gradient steps."""
+    epsilon: Float[Array, ""]
+    """Share of random steps as the round ended."""
 
 
 def training_rounds(
-    config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap, state: TrainState | None = None
+    config: TrainConfig,
+    scenario: Scenario,
+    scenario_map: ScenarioMap,
+    state: TrainState | None = None,
+    on_tests: Callable[[EnvParams, Instance], None] = lambda _params, _tests: None,
 ) -> Iterator[tuple[TrainState, RoundReport]]:
     """Train on one map, round by round.
 
@@ -62,6 +69,8 @@ def training_rounds(
         What is learned, and where.
     state
         The state to go on from; by default an untrained one.
+    on_tests
+        Called before the first round, while that is compiled, with the environment and the greedy test walks.
 
     Yields
     ------
@@ -80,6 +89,7 @@ def training_rounds(
         train_round.lower(*round_of_shapes)
         compiling = executor.submit(train_round.prepare, *round_of_shapes)
         problem, from_anywhere, fresh = prepare(config, scenario, *first)
+        on_tests(problem.params, problem.tests)
         compiling.result()
         state = fresh if state is None else state
         before = int(state.iteration) // config.iterations
@@ -172,7 +182,7 @@ def train_round(
     ----------
     Algorithm 1 of the paper, with its branches in order: terminal transitions do not bootstrap.
     """
-    state, losses = jax.lax.scan(partial(_iterate, config, problem), state, draws)
+    state, steps = jax.lax.scan(partial(_iterate, config, problem), state, draws)
     q_network = _mean(config, state) if config.keep == "mean" else state.learner.q_network
     policy = deployed(config, problem.evaluated(config, q_network), problem.params.reward.unit_seconds)
     unused = jax.random.key(0)  # nothing is random in what has been learned
@@ -182,7 +192,7 @@ def train_round(
     best_minutes = jnp.minimum(mean, state.best_minutes)
     better = partial(jnp.where, mean <= state.best_minutes)
     kept = q_network if config.keep == "mean" else jax.tree.map(better, q_network, state.kept)
-    report = RoundReport(minutes, tested.arrived, jnp.mean(losses))
+    report = RoundReport(minutes, tested.arrived, jax.tree.map(jnp.mean, steps), epsilon(config, state.iteration))
     return replace(state, kept=kept, best_minutes=best_minutes), report
 
 
@@ -195,12 +205,12 @@ def _mean(config: TrainConfig, state: TrainState) -> QNetwork:
 
 def _iterate(
     config: TrainConfig, problem: Problem, state: TrainState, draws: Float[Array, " draw"]
-) -> tuple[TrainState, Float[Array, ""]]:
+) -> tuple[TrainState, BatchReport]:
     """One step of every walker and one gradient step."""
     for_walkers, for_batch = draws[: -config.batch].reshape(config.walkers, -1), draws[-config.batch :]
     evaluated = partial(problem.evaluated, config)
     policy = Policy(evaluated(state.learner.q_network))
     walkers, transitions = act(config, problem, policy, state.walkers, state.iteration, for_walkers)
     replay = add(state.replay, transitions, config.walkers)
-    learner, replay, loss = learn(config, state.learner, replay, state.iteration, for_batch, evaluated)
-    return TrainState(learner, replay, walkers, state.iteration + 1, state.kept, state.best_minutes), loss
+    learner, replay, report = learn(config, state.learner, replay, state.iteration, for_batch, evaluated)
+    return TrainState(learner, replay, walkers, state.iteration + 1, state.kept, state.best_minutes), report

@@ -100,6 +100,7 @@ def train(
     from sidestep.agent import runs
     from sidestep.agent.checkpoint import read_metadata
     from sidestep.agent.presets import preset_for
+    from sidestep.planners.time_dependent import least_minutes
 
     problem = options.read_scenario(scenario, changes)
     config = preset_for(problem, preset, level).changed(**options.changed_fields(settings))
@@ -121,6 +122,7 @@ def train(
                 resume=resume,
                 overwrite=overwrite,
                 keep_checkpoints=keep_checkpoints,
+                least_minutes=least_minutes if out is not None else None,
                 on_round=on_round,
             )
     finally:  # also of a training that is interrupted
@@ -144,15 +146,15 @@ def draw_curve(folder: Path, trained: "Metadata") -> Path:
 
 def show_run(scenario: str, run: "TrainingRun") -> None:
     """Print what was trained, how fast, and how long the greedy test walks took."""
-    metadata, config, problem = run.metadata, run.metadata.config, run.metadata.scenario
+    metadata, config, problem, rates = run.metadata, run.metadata.config, run.metadata.scenario, run.metrics
     print_text(
         f"{scenario}, map {metadata.map}, level {config.level}: {len(metadata.curve)} rounds of "
-        f"{config.round_steps:,} transitions in {run.seconds:.1f} s ({run.steps_per_second:,.0f} transitions/s, "
-        f"{run.updates_per_second:,.0f} updates/s)"
+        f"{config.round_steps:,} transitions in {run.seconds:.1f} s ({rates.steps_per_second:,.0f} transitions/s, "
+        f"{rates.updates_per_second:,.0f} updates/s)"
     )
     for said in filter(None, (problem.summary, problem.place.synthetic, problem.walker.remark)):
         print_text(said)
-    first, last = (sum(walks) / len(walks) for walks in (metadata.curve[0], metadata.curve[-1]))
+    first, last = metadata.means[0], metadata.means[-1]
     unit = "min" if problem.objective.is_time else "min of cost"
     walks = f"{first:.1f} {unit} after the first round, {last:.1f} after the last, {run.best_minutes:.1f} at best"
     early = config.keep == "mean" and len(metadata.curve) <= config.rounds_before_mean
