@@ -150,6 +150,9 @@ WRONG: dict[Callable[..., Any], dict[str, tuple[Any, ...]]] = {
         "index": NO_SEEDS,
         "out": [each for each in NO_PATHS if each is not None],
         "resume": ("x", None, 1),
+        "keep_checkpoints": (0, 1.5, "x", None),
+        "track": ("x", None, 1),
+        "least_minutes": (3, "x"),
         "on_round": (3, None),
     },
     network: {

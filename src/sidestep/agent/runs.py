@@ -1,8 +1,8 @@
 """One training run: start, resume, save, report progress. The command line, experiments and scripts all call it."""
 
 import math
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -24,6 +24,7 @@ from sidestep.agent.checkpoint import (
 )
 from sidestep.agent.config import TrainConfig, TrainConfigError
 from sidestep.agent.metrics import MetricsFile, RoundMetrics, open_metrics
+from sidestep.agent.tracking import EventFile, check_tracking
 from sidestep.agent.train import RoundReport, TrainState, training_rounds
 from sidestep.arguments import COUNT, FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
 from sidestep.environment.types import EnvParams, Instance
@@ -96,6 +97,7 @@ LeastMinutes = Callable[[EnvParams, Instance], Float[np.ndarray, " walk"]]
     resume=FLAG,
     overwrite=FLAG,
     keep_checkpoints=COUNT,
+    track=FLAG,
     least_minutes=FUNCTION,
     on_round=FUNCTION,
 )
@@ -109,6 +111,7 @@ def train(
     resume: bool = False,
     overwrite: bool = False,
     keep_checkpoints: int = KEEP_CHECKPOINTS,
+    track: bool = False,
     least_minutes: LeastMinutes | None = None,
     on_round: OnRound = lambda _run: None,
 ) -> TrainingRun:
@@ -137,6 +140,8 @@ def train(
         ``resume``, a model that is there is refused.
     keep_checkpoints
         How many checkpoints stay in ``out``, the latest ones.
+    track
+        Write an event file for TensorBoard into ``out`` as well, of all rounds, also of those before a resumption.
     least_minutes
         Works out the least minutes of the greedy test walks, such as
         :func:`sidestep.planners.time_dependent.least_minutes`; the metrics then have the gap to them.
@@ -174,7 +179,7 @@ def train(
     (2, 9)
     """
     out = None if out is None else Path(out)
-    _check_folder(out, resume=resume, overwrite=overwrite)
+    _check_folder(out, resume=resume, overwrite=overwrite, track=track)
     drawn = draw_training_map(scenario, seed, index)
     # What nobody can learn is refused before anything is written.
     destinations_of(drawn, config.destinations)
@@ -191,7 +196,7 @@ def train(
         if out is not None:
             if resume:
                 _check_same(out, metadata)
-            folder = _Folder(output_folder(out), opened.enter_context(open_metrics(out)), keep_checkpoints)
+            folder = opened.enter_context(_opened(output_folder(out), keep_checkpoints, track=track))
             _check_folder(out, resume=resume, overwrite=overwrite)  # another training may just have ended there
             if resume:
                 metadata, state = _resumed(out, metadata)
@@ -214,22 +219,39 @@ def train(
     return run
 
 
+@contextmanager
+def _opened(path: Path, keep: int, *, track: bool) -> Iterator["_Folder"]:
+    """Keep other trainings out of a folder."""
+    with open_metrics(path) as metrics:
+        folder = _Folder(path, metrics, keep, track=track)
+        try:
+            yield folder
+        finally:
+            if folder.events is not None:
+                folder.events.close()
+
+
 class _Folder:
     """Where a training under way saves what it has learned, and how it went."""
 
-    def __init__(self, path: Path, metrics: MetricsFile, keep: int) -> None:
-        self._path, self._metrics, self._keep = path, metrics, keep
+    def __init__(self, path: Path, metrics: MetricsFile, keep: int, *, track: bool) -> None:
+        self._path, self._metrics, self._keep, self._track = path, metrics, keep, track
+        self.events: EventFile | None = None
         self._save_at = -math.inf
 
     def begin(self, metadata: Metadata) -> float:
         """Clear away what the rounds so far did not write, and say how many seconds these took."""
         remove_unfinished(self._path, "*.eqx")
         kept = self._metrics.cut(metadata.means)
+        if self._track:
+            self.events = EventFile(self._path, kept)
         return kept[-1].seconds if kept else 0.0
 
     def add(self, run: TrainingRun) -> None:
         """Write down how a round went and, at the end or if it is time, what has been learned."""
         self._metrics.append(run.metrics)
+        if self.events is not None:
+            self.events.add(run.metrics)
         began = perf_counter()
         if run.metadata.finished or began > self._save_at:
             save(run, self._path, self._keep)
@@ -258,13 +280,15 @@ def _line(
     )
 
 
-def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool) -> None:
+def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool, track: bool = False) -> None:
     """Refuse to lose a model that nobody said to replace."""
     if resume and overwrite:
         raise CheckpointError("--resume and --overwrite exclude each other", field="overwrite")
+    if track:
+        check_tracking()
     if folder is None:
-        if resume or overwrite:
-            word = "resume" if resume else "overwrite"
+        if resume or overwrite or track:
+            word = "resume" if resume else "overwrite" if overwrite else "track"
             raise CheckpointError(f"to {word} a training, give the folder of its model: --out", field="out")
     elif not (resume or overwrite) and ((there := checkpoints(folder)) or (folder / MODEL).exists()):
         onward = "go on with it (--resume), " if there else ""

@@ -1,6 +1,7 @@
 """The command `train`."""
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -79,6 +80,7 @@ def train(
     resume: options.Flag = False,
     overwrite: options.Flag = False,
     keep_checkpoints: options.Whole = 2,
+    track: options.Flag = False,
     seed: options.Seed = 0,
     as_json: options.Json = False,
 ) -> None:
@@ -94,12 +96,15 @@ def train(
         Replace the model in --out as soon as there is something to save.
     keep_checkpoints
         Checkpoints that stay in --out, the latest ones.
+    track
+        Write an event file for TensorBoard into --out as well.
     """
     options.check_least(seed=seed, map=index)
     options.start_jax()
     from sidestep.agent import runs
     from sidestep.agent.checkpoint import read_metadata
     from sidestep.agent.presets import preset_for
+    from sidestep.files import OutputError
     from sidestep.planners.time_dependent import least_minutes
 
     problem = options.read_scenario(scenario, changes)
@@ -122,11 +127,16 @@ def train(
                 resume=resume,
                 overwrite=overwrite,
                 keep_checkpoints=keep_checkpoints,
+                track=track,
                 least_minutes=least_minutes if out is not None else None,
                 on_round=on_round,
             )
-    finally:  # also of a training that is interrupted
-        picture = draw_curve(out, *trained) if out is not None and trained else None
+    except BaseException:  # also Ctrl-C: the picture is of what there is
+        if out is not None and trained:
+            with suppress(OutputError):  # the disk may be full, and that has been said
+                draw_curve(out, *trained)
+        raise
+    picture = None if out is None else draw_curve(out, run.metadata)
     if as_json:
         print(json.dumps({**run.to_json(), "picture": picture and str(picture)}, indent=2))
     else:
