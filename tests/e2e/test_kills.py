@@ -10,10 +10,6 @@ from pathlib import Path
 
 import pytest
 
-import sidestep
-from sidestep.agent import checkpoint
-from sidestep.agent.runs import TrainingRun
-
 pytestmark = pytest.mark.stress
 KILLS = 12
 
@@ -112,36 +108,3 @@ def test_written_whole_or_not_at_all(process, killed, tmp_path, written: str) ->
     # What was left behind is in nobody's way.
     assert process(*after, cwd=folder).returncode == 0
     assert shown(folder) == new
-
-
-def test_trainings_go_on_as_if_nothing_had_happened(killed, tmp_path) -> None:
-    rounds = 100_000
-    folder, args = tmp_path / "m", ["train", "paper-unblocked", "--preset", "tabular-q", "--rounds", str(rounds)]
-    curve: tuple[tuple[float, ...], ...] = ()
-    for _ in range(KILLS):
-        resume = ["--resume"] if checkpoint.checkpoints(folder) else []
-        how = killed([*args, "--out", str(folder), *resume], tmp_path, 8)
-        if not checkpoint.checkpoints(folder):
-            assert not curve, how
-            continue
-        longer = checkpoint.load(folder).metadata.curve
-        assert longer[: len(curve)] == curve, how
-        # The model is written after the checkpoint that it belongs to.
-        model = checkpoint.load_model(folder).metadata.curve if (folder / "model.eqx").exists() else ()
-        assert model == longer[: len(model)], how
-        curve = longer
-    assert curve
-    whole = []
-
-    def until_as_long(run: TrainingRun) -> None:
-        whole.append(run.metadata.curve[-1])
-        if len(whole) == len(curve):
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        sidestep.train(
-            sidestep.scenario("paper-unblocked"),
-            sidestep.preset("tabular-q").changed(rounds=rounds),
-            on_round=until_as_long,
-        )
-    assert tuple(whole) == curve
