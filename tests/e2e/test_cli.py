@@ -2,10 +2,12 @@
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -21,7 +23,7 @@ SEARCH = {
     "greedy-map", "snapshot", "forecast",
 }  # fmt: skip
 WITH_SEED = ("demo", "reproduce", "train", "compare", "route", "trade-off", "counts")
-WITHOUT_SEED = ("import-osm", "new", "planners", "scenarios", "walkers")
+WITHOUT_SEED = ("import-osm", "new", "planners", "runs", "scenarios", "walkers")
 
 
 @pytest.fixture(scope="session")
@@ -625,3 +627,45 @@ def test_no_half_written_file(tmp_path):
         fail_half_way()
     assert target.read_text() == "old"
     assert [file.name for file in tmp_path.iterdir()] == ["results.json"]
+
+
+def test_runs_are_listed_shown_and_compared(sidestep, model, local_model, tmp_path):
+    shutil.copytree(model, tmp_path / "runs" / "grid")
+    shutil.copytree(local_model[0], tmp_path / "runs" / "local")
+    found = json.loads(sidestep("runs", tmp_path / "runs", "--json").stdout)
+    assert [(Path(row["folder"]).name, row["state"], row["rounds"]) for row in found] == [
+        ("grid", "finished", 40), ("local", "finished", 1),
+    ]  # fmt: skip
+    listed = sidestep("runs", tmp_path / "runs")
+    assert re.search(
+        r"\bgrid +finished +40/40 +\d+\.\d +\d\.\d\d % +paper-congested, map 0, seed 0 +position", listed.stdout
+    )
+    assert re.search(r"\blocal +finished +1/1 ", listed.stdout)
+    # One of them
+    grid, picture = tmp_path / "runs" / "grid", tmp_path / "new" / "curve.png"
+    shown = sidestep("runs", "show", grid)
+    assert shown.returncode == 0, shown.stderr
+    assert "finished, 40 of 40 rounds" in shown.stdout
+    assert "round 40\n" in shown.stdout
+    assert f"Learning curve: {grid / 'learning-curve.png'}" in shown.stdout
+    told = json.loads(sidestep("runs", "show", grid, "--out", picture, "--json").stdout)
+    assert (len(told["minutes"]), len(told["metrics"]), told["picture"]) == (40, 40, str(picture))
+    assert told["best_minutes"] == pytest.approx(min(told["minutes"]))
+    assert told["metrics"][-1]["gap"] >= -1e-6
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    # Both
+    both = ("runs", "compare", grid, tmp_path / "runs" / "local")
+    found = json.loads(sidestep(*both, "--json").stdout)
+    assert found["settings"]["level"] == ["position", "local"]
+    assert "seed" not in found["settings"]
+    assert [len(run["minutes"]) for run in found["runs"]] == [40, 1]
+    table = sidestep(*both).stdout
+    assert re.search(r"\blevel +position +local\b", table)
+    assert f"* {grid}" in table
+    assert re.search(r"\n +40 +\d+\.\d +\d\.\d\d % *\n", table)
+    assert "All settings are the same." in sidestep("runs", "compare", grid, grid).stdout
+    # Neither
+    assert "nowhere" in one_sentence(sidestep("runs", "nowhere"))
+    assert "no training" in one_sentence(sidestep("runs", "show", tmp_path))
+    assert "--out" in one_sentence(sidestep("runs", "show", grid, "--out", tmp_path / "curve.svg"))
+    assert "starts one" in sidestep("runs", tmp_path / "new").stdout

@@ -67,6 +67,13 @@ class Metadata(BaseModel):
         scenario = _flat(self.scenario.model_dump(mode="json"), "scenario.")
         return {**scenario, "seed": self.seed, "map": self.map, **self.config.model_dump(mode="json")}
 
+    def differences(self, other: "Metadata") -> dict[str, tuple[Any, Any]]:
+        """Both values of every setting that is not the same in another training; None where one has no such setting."""
+        mine, theirs = self.settings, other.settings
+        return {
+            name: (mine.get(name), theirs.get(name)) for name in mine | theirs if mine.get(name) != theirs.get(name)
+        }
+
     @property
     def means(self) -> list[float]:
         """Mean of the greedy test walks in minutes, round by round."""
@@ -271,13 +278,15 @@ def read_metadata(folder: Path) -> Metadata:
     Returns
     -------
     Metadata
-        Its ``curve`` has the rounds that were saved.
+        Of the latest checkpoint, or of the model where there is none. Its ``curve`` has the rounds that were saved.
 
     Raises
     ------
     CheckpointError
-        As for :func:`load`.
+        There is neither, or it cannot be read.
     """
+    if not checkpoints(folder):
+        return _read(folder / MODEL, MODEL_FORMATS, lambda _: ())[0]
     return _read_latest(folder, lambda _: ())[0]
 
 

@@ -298,14 +298,12 @@ def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool, track: 
 
 def _check_same(folder: Path, wanted: Metadata) -> None:
     """Refuse to go on with the training in a folder if it is another one."""
-    found = read_metadata(folder)
-    before, asked = found.settings, wanted.settings
-    for name in before | asked:
-        old, new = (f"{settings.get(name)!s:.60}" for settings in (before, asked))
-        if before.get(name) != asked.get(name) and not (name == "rounds" and asked[name] > before[name]):
-            more = " or more" if name == "rounds" else ""
-            said = f"the training in {folder} has {name} {old}, not {new}"
-            raise CheckpointError(f"{said}; ask for the same{more}, or --overwrite it", field=name)
+    for name, (old, new) in read_metadata(folder).differences(wanted).items():
+        if name == "rounds" and new > old:
+            continue
+        more = " or more" if name == "rounds" else ""
+        said = f"the training in {folder} has {name} {old!s:.60}, not {new!s:.60}"
+        raise CheckpointError(f"{said}; ask for the same{more}, or --overwrite it", field=name)
 
 
 def _resumed(folder: Path, wanted: Metadata) -> tuple[Metadata, TrainState]:

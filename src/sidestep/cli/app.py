@@ -13,6 +13,7 @@ from sidestep import __version__
 from sidestep.cli import data, experiments, listings, queries
 from sidestep.cli.compare import compare
 from sidestep.cli.route import route
+from sidestep.cli.runs import runs_app
 from sidestep.cli.serve import replay, serve
 from sidestep.cli.train import train
 from sidestep.errors import SidestepError, SidestepWarning
@@ -50,6 +51,7 @@ for command in (
 ):
     app.command(command)
 app.command(data.counts_app)
+app.command(runs_app)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
