@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from sidestep.agent import runs
@@ -166,6 +167,10 @@ def test_compare_writes_single_walks(sidestep, model, tmp_path):
     done = sidestep(*args, out, "--law", "weidmann")
     assert done.returncode == 0, done.stderr
     assert f"Walks: {out}" in done.stdout
+    table = tmp_path / "results.parquet"
+    found = json.loads(sidestep(*args, out, "--law", "weidmann", "--results-out", table, "--json").stdout)
+    rows = pd.read_parquet(table)
+    assert rows["mean_minutes"].tolist() == [row["mean_minutes"] for each in found for row in each["planners"].values()]
     lines = out.read_text().splitlines()
     assert len(lines) == 1 + 2 * 3 * 3  # walkers, planners, walks
     assert len({line.split(",")[1] for line in lines[1:]}) == 2
@@ -175,6 +180,10 @@ def test_compare_writes_single_walks(sidestep, model, tmp_path):
         with pytest.raises(SidestepError) as caught:
             cli.app(args, exit_on_error=False, print_error=False)
         assert caught.value.field == "walks_out"
+        args[args.index("--walks-out")] = "--results-out"
+        with pytest.raises(SidestepError) as caught:
+            cli.app(args, exit_on_error=False, print_error=False)
+        assert caught.value.field == "results_out"
     assert {file.name: file.read_bytes() for file in model.iterdir()} == before
 
 
@@ -376,7 +385,8 @@ def test_reproduce_writes_everything(sidestep, agreed_row, monkeypatch, tmp_path
     # Rounds and walks as in the demonstration above, so that compiled programs serve both.
     monkeypatch.setattr(paper, "QUICK", paper.Plan(maps=2, literal_maps=1, rounds=3, literal_rounds=1, walks=5))
     out = tmp_path / "r"
-    done = sidestep("reproduce", "--quick", "--out", out, "--json")
+    table = tmp_path / "results.parquet"
+    done = sidestep("reproduce", "--quick", "--out", out, "--results-out", table, "--json")
     assert done.returncode == 0, done.stderr
     results = json.loads((out / "results.json").read_text())
     assert results == json.loads(done.stdout)
@@ -387,6 +397,9 @@ def test_reproduce_writes_everything(sidestep, agreed_row, monkeypatch, tmp_path
         assert (rows["darp"]["maps"], rows["darp-paper"]["maps"]) == (2, 1)
         assert {name: len(curve) for name, curve in results["curves"][key].items()} == {"darp": 3, "darp-paper": 1}
         assert (out / f"{key.replace('_', '-')}.png").read_bytes().startswith(b"\x89PNG")
+    read = pd.read_parquet(table).set_index(["scenario", "flows", "planner"])["gap"]
+    assert len(read) == 4 * 7
+    assert read["paper-congested", "forecast", "darp"] == results["congested_forecast"]["planners"]["darp"]["gap"]
     assert [claim["verdict"] for claim in results["claims"]] == ["not judged"] * 7  # by two maps
     report = (out / "report.html").read_text()
     for number in ("37.3", "52.1", "65.3", "-67", "-75", "after 1,000 steps"):

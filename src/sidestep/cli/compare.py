@@ -40,6 +40,7 @@ def compare(
     seed: options.Seed = 0,
     workers: options.Workers = None,
     walks_out: Path | None = None,
+    results_out: options.ResultsOut = None,
     as_json: options.Json = False,
 ) -> None:
     """Compare planners on the same maps and through the same crowds, also for several walkers: --walker adult,older.
@@ -85,8 +86,8 @@ def compare(
         for problem in options.read_scenarios(scenario, changes)
     ]
     numbers = lineups[0].map_numbers(maps)
-    if walks_out is not None:
-        check_walks_out(walks_out, scenario, lineups[0].scenario, model or ())
+    for field, out in (("walks_out", walks_out), ("results_out", results_out)):
+        check_out(out, field, scenario, lineups[0].scenario, model or ())
     each = walks or lineups[0].scenario.walks
     total = each * len(numbers) * sum(len(chosen.factories) for chosen in lineups)
     with progress("comparing", total, "walks") as advance:
@@ -103,27 +104,33 @@ def compare(
             )
             for chosen in lineups
         ]
-    if walks_out is not None:
-        from sidestep.evaluation.walk_table import save_walks
-
-        save_walks([compared.to_frame() for compared in every], walks_out)
     results = [found.to_json(by, chosen.baseline) for found, chosen in zip(every, lineups, strict=True)]
+    if walks_out is not None or results_out is not None:
+        from sidestep.evaluation.tables import results_table, save_tables
+
+        if walks_out is not None:
+            save_tables([compared.to_frame() for compared in every], walks_out, "walks_out")
+        if results_out is not None:
+            save_tables([results_table(results)], results_out, "results_out")
     if as_json:
         print(json.dumps(results if len(results) > 1 else results[0], indent=2, ensure_ascii=False))
-    else:
-        show_results(*results)
-        if walks_out is not None:
-            print(f"Walks: {walks_out}")
+        return
+    show_results(*results)
+    for what, out in (("Walks", walks_out), ("Results", results_out)):
+        if out is not None:
+            print(f"{what}: {out}")
 
 
-def check_walks_out(out: Path, name: str, scenario: "Scenario", models: "Sequence[Path]") -> None:
-    """Refuse, before long work begins, a file that walks cannot be written to."""
-    from sidestep.evaluation.walk_table import check_walks_file
+def check_out(out: Path | None, field: str, name: str, scenario: "Scenario", models: "Sequence[Path]") -> None:
+    """Refuse, before long work begins, a file that a table cannot be written to."""
+    if out is None:
+        return
+    from sidestep.evaluation.tables import check_table_file
     from sidestep.files import check_apart
     from sidestep.scenarios.reader import files_of
 
-    check_apart(out, (*files_of(name, scenario), *models), "walks_out")
-    check_walks_file(out)
+    check_apart(out, (*files_of(name, scenario), *models), field)
+    check_table_file(out, field)
 
 
 def show_results(*compared: "Results") -> None:

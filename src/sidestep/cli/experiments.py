@@ -44,6 +44,7 @@ def reproduce(
     maps: options.Whole = 100,
     quick: options.Flag = False,
     out: options.Out = Path("reproduction"),
+    results_out: options.ResultsOut = None,
     seed: options.Seed = 0,
     rule: options.Rule = "integrated",
     workers: options.Workers = None,
@@ -65,10 +66,18 @@ def reproduce(
     from sidestep.files import output_folder
 
     output_folder(out)
+    if results_out is not None:
+        from sidestep.evaluation.tables import check_table_file
+
+        check_table_file(results_out, "results_out")
     plan = replace(QUICK, seed=seed) if quick else Plan(maps=maps, seed=seed)
     threads, began = workers or options.processors(), perf_counter()
     with progress("reproducing", plan.total, "maps") as advance:
         results = run(plan, out, threads, lambda condition: advance(condition.replace("_", ", ")), rule)
+    if results_out is not None:
+        from sidestep.evaluation.tables import results_table, save_tables
+
+        save_tables([results_table([*results.compared.values()])], results_out, "results_out")
     if as_json:
         print(json.dumps(results.to_json(), indent=2))
         return
@@ -78,6 +87,8 @@ def reproduce(
     for claim in results.claims:
         print_text(f"\n{claim.verdict.upper()}: {claim.paper}\n  {claim.ours}\n  {claim.why}")
     print(f"\n{perf_counter() - began:.0f} s; report: {out / 'report.html'}, numbers: {out / 'results.json'}")
+    if results_out is not None:
+        print(f"Results: {results_out}")
 
 
 def trade_off(

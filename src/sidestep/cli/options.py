@@ -42,6 +42,9 @@ Seed = Annotated[Whole, Parameter(help="Seed of maps, crowds and training.")]
 Json = Annotated[Flag, Parameter(name="--json", help="Print JSON instead of tables.")]
 Out = Annotated[Path, Parameter(help="Folder to write to; it is made if missing, but none above it.")]
 Workers = Annotated[Whole | None, Parameter(help="Maps to walk at a time; by default one for each processor.")]
+ResultsOut = Annotated[
+    Path | None, Parameter(help="File for the results as a table, .csv or .parquet: a row for each planner.")
+]
 By = Annotated[float | None, Parameter(help="Minutes: say how likely it is to arrive within them.")]
 Rule = Annotated[
     Literal["integrated", "entry"],

@@ -24,7 +24,7 @@ from sidestep.scenarios.model import A_SCENARIO, Scenario
 from sidestep.scenarios.streets import walker_facts
 
 if TYPE_CHECKING:
-    from sidestep.evaluation.walk_table import WalkTable
+    from sidestep.evaluation.tables import WalkTable
 
 CHUNK = 200
 """Most walks whose futures are held in memory at a time."""
@@ -101,7 +101,7 @@ class Comparison:
             ``exposure`` (person·s/m²), ``metres`` and ``too_dense``. The same ``map`` and ``walk`` is the same walk
             through the same crowds for every planner.
         """
-        from sidestep.evaluation.walk_table import walk_table  # pandas takes 0.3 s to import
+        from sidestep.evaluation.tables import walk_table  # pandas takes 0.3 s to import
 
         return walk_table(self.scenario, self.seed, self.map_numbers, self.records)
 
