@@ -15,7 +15,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-STARTING = 60.0  # s
+STARTING = 180.0  # s
 PROGRAM = ("-m", "sidestep")
 ESTABLISHED, LISTENS = "01", "0A"  # in /proc/net/tcp
 

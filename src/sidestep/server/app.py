@@ -86,7 +86,7 @@ def make_app(settings: Settings | None = None, town: ServedTown | None = None) -
         bus = app.state.bus = Bus()
         app.state.news = asyncio.Event()
         _end_at_signals(bus)
-        preparing = app.state.preparing = asyncio.create_task(asyncio.to_thread(served.prepare))
+        preparing = app.state.preparing = asyncio.create_task(_prepare(served))
         keeping = asyncio.create_task(_keep_fresh(served, bus, app.state.news))
         app.state.ready = True
         sys.setswitchinterval(SWITCHING)
@@ -150,6 +150,13 @@ def _end_at_signals(bus: Bus) -> None:
                 before(number, frame)
 
         signal.signal(number, stop)
+
+
+async def _prepare(served: ServedTown) -> None:
+    """Compile in a thread, step by step: a server that stops waits for one step at most."""
+    steps = served.prepare()
+    while step := await asyncio.to_thread(next, steps, None):
+        await asyncio.to_thread(step)
 
 
 async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None:

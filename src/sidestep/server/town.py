@@ -2,9 +2,9 @@
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import datetime
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -102,18 +102,25 @@ class ServedTown:
         longitude, latitude = self.town.place[0].tolist()
         self.quick.matrix([0], [self.quick.snapper.nearest(latitude, longitude)], self.departs(None))
 
-    def prepare(self) -> None:
-        """Compile what is asked later: crowds that go on from counts, and walks through simulated futures."""
+    def prepare(self) -> Iterator[Callable[[], object]]:
+        """Compile what is asked later: crowds that go on from counts, and walks through simulated futures.
+
+        Yields
+        ------
+        Callable
+            One step after the other, so that a server may stop between them.
+        """
         now, seconds = self.clock.instant, LONGEST.total_seconds()
         if sensors := self.counting.sensors:
             counts = tuple(LiveCount(name, now - LONGEST, seconds, 1.0) for name in sensors)
             here = self.clock.local(now).replace(tzinfo=None)
-            Router(self.scenario).go_on_from(LiveCounts(counts, self.venue.timezone), here)
+            yield lambda: Router(self.scenario).go_on_from(LiveCounts(counts, self.venue.timezone), here)
         origin, destination = (tuple(place[::-1].tolist()) for place in self.town.place[self._far_apart])
         depart = self.asked("depart_at", None)
-        self.router.plan(origin, destination, depart=depart, futures=FEW, alternatives=1)
+        for alternatives in (0, 1):
+            yield partial(self.router.plan, origin, destination, depart=depart, futures=FEW, alternatives=alternatives)
         walk, _ = walks.begin(self.router, RouteRequest(origin, destination, depart))
-        walks.report(self.router, walk, origin, 0.0 if depart is None else depart, density=0.0)
+        yield partial(walks.report, self.router, walk, origin, 0.0 if depart is None else depart, density=0.0)
 
     @cached_property
     def _far_apart(self) -> list[int]:
