@@ -314,6 +314,41 @@ def test_all_of_a_street_is_avoided_but_may_be_crossed(opened):
     expect(other.page.locator("#alert-says")).to_contain_text("Nowhere")
 
 
+def test_departures_reach_and_walks_keep_out_of_areas(opened):
+    def answer(tab: str, path: str, avoid: str) -> dict:
+        view = opened()
+        with view.page.expect_response(lambda response: response.url.endswith(path), timeout=60000) as response:
+            view.open(f"{ROUTE}&tab={tab}{avoid}")
+            if tab == "walk":
+                view.page.click("#walk-start")
+        assert ("avoid" in response.value.request.post_data_json) == bool(avoid)
+        found = response.value.json()
+        view.page.close()  # browsers keep six connections to a server, and listening takes two
+        return found
+
+    def away(walk: dict) -> float:
+        """Metres from the middle of the area to the nearest point of a walk."""
+        line = walk["route"]["geometry"]["coordinates"]
+        return min(np.hypot((x - longitude) * 55_300, (y - latitude) * 111_195) for x, y in line)
+
+    free = answer("walk", "/walks", "")
+    line = free["route"]["geometry"]["coordinates"]
+    longitude, latitude = line[len(line) // 2]
+    avoid = f"&avoid={longitude},{latitude},60"
+    assert away(answer("walk", "/walks", avoid)) > 55 > away(free)
+    assert "id" in answer("walk", "/walks", "&avoid=street:Unioninkatu")  # which has the most parts of all streets
+
+    def soonest(found: dict) -> float:
+        return min(each["median_minutes"] for each in found["departures"])
+
+    assert soonest(answer("leave", "/when", avoid)) > soonest(answer("leave", "/when", ""))
+
+    def kilometres(found: dict) -> float:
+        return max(each["properties"].get("kilometres", 0.0) for each in found["features"])
+
+    assert kilometres(answer("reach", "/isochrone", avoid)) < kilometres(answer("reach", "/isochrone", ""))
+
+
 def test_how_far_one_gets(opened):
     view = opened().open(f"#from={FROM}&at=Sat-17:30&tab=reach")
     expect(view.page.locator("#reach-found tbody tr")).to_have_count(3, timeout=60000)

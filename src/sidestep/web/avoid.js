@@ -1,4 +1,4 @@
-// Areas that routes keep out of: a circle round each place that is chosen on the map, or all of a street.
+// Areas to keep out of: a circle round each place that is chosen on the map, or all of a street.
 
 import { byId, complain, icon, make } from "./dom.js";
 import { circle, strips } from "./line.js";
@@ -89,7 +89,6 @@ export function avoidChoice(coming) {
     complain("avoid", missing ? `No street here is called “${missing.street}”, so none is avoided for it.` : null);
     if (state.avoid.length > 0) box.open = true;
     byId("mark-avoid").hidden = state.avoid.length === 0;
-    for (const note of document.querySelectorAll(".routes-only")) note.hidden = state.avoid.length === 0;
     for (const area of state.avoid) if (!area.street) name(area, show);
   };
   onChange((names) => names.has("avoid") && changed());

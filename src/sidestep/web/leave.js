@@ -1,6 +1,7 @@
 // The best time to leave: minutes that the walk takes at every departure of a window, as a curve and as a table.
 
-import { get, lonLat } from "./api.js";
+import { send } from "./api.js";
+import { areas, known } from "./avoid.js";
 import { byId, complain, draw, make, settled } from "./dom.js";
 import { asked, change, clock, deadline, onChange, state, WEEK } from "./state.js";
 import { chosen, deadlineChoice } from "./time.js";
@@ -175,6 +176,7 @@ function show(found, first) {
 let wanted = "";
 
 const find = settled(150, async () => {
+  await known();
   if (state.tab !== "leave") return;
   const box = byId("leave-found");
   if (state.from === null || state.to === null) {
@@ -192,25 +194,26 @@ const find = settled(150, async () => {
     deadline(state.at) === deadline(shown.first);
   // A departure chosen on the curve does not move the window that the curve is about.
   const first = inside ? shown.first : Math.floor(chosen() / 5) * 5;
-  const query = {
-    origin: lonLat(state.from),
-    destination: lonLat(state.to),
+  const question = {
+    origin: [state.from.lon, state.from.lat],
+    destination: [state.to.lon, state.to.lat],
     depart_at: asked(first),
     until: asked((first + minutes) % WEEK),
     step,
     futures: FUTURES,
     arrive_by: asked(deadline(first)),
-    walker: state.walker,
+    walker: state.walker || null,
     planner: state.planners[0] === "shortest-path" ? "shortest-path" : "expected",
+    avoid: areas(),
   };
-  if (wanted === JSON.stringify(query)) return;
-  wanted = JSON.stringify(query);
+  if (wanted === JSON.stringify(question)) return;
+  wanted = JSON.stringify(question);
   complain("when", null);
   asking?.abort();
   asking = new AbortController();
   box.replaceChildren(make("p", { class: "note busy", role: "status", text: "Walking through simulated futures …" }));
   try {
-    const found = await get("when", query, asking.signal);
+    const found = await send("POST", "when", question, asking.signal);
     shown = { first, minutes };
     show(found, first);
   } catch (error) {
@@ -247,7 +250,7 @@ export function startLeave() {
   );
   onChange((changed) => {
     if (["from", "to"].some((name) => changed.has(name))) shown = null;
-    if (["from", "to", "at", "by", "tab", "walker", "planners"].some((name) => changed.has(name))) find();
+    if (["from", "to", "at", "by", "avoid", "tab", "walker", "planners"].some((name) => changed.has(name))) find();
   });
   find();
 }

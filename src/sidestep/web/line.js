@@ -37,6 +37,9 @@ export function along(line, metres) {
   return line.at(-1);
 }
 
+/** A closed ring, to the centimetre: walks keep areas of 20,000 bytes at most. */
+const closed = (points) => [...points, points[0]].map((point) => point.map((degrees) => Number(degrees.toFixed(7))));
+
 /** A rectangle along each straight part of a line, which ends some metres (a third of a short line) before its ends. */
 export function strips(line, end) {
   const cut = Math.min(end, length(line) / 3);
@@ -52,13 +55,13 @@ export function strips(line, end) {
     const [high, wide] = [half / METRES, half / METRES / Math.cos((one[1] * Math.PI) / 180)];
     const angle = (bearing(one, other) * Math.PI) / 180;
     const [x, y] = [wide * Math.cos(angle), -high * Math.sin(angle)];
-    const ring = [
+    const corners = [
       [one[0] - x, one[1] - y],
       [other[0] - x, other[1] - y],
       [other[0] + x, other[1] + y],
       [one[0] + x, one[1] + y],
     ];
-    found.push([[...ring, ring[0]]]);
+    found.push([closed(corners)]);
   });
   return found;
 }
@@ -70,5 +73,5 @@ export function circle({ lon, lat, metres }, corners = 24) {
     lon + wide * Math.cos(angle),
     lat + high * Math.sin(angle),
   ]);
-  return { type: "Polygon", coordinates: [[...ring, ring[0]]] };
+  return { type: "Polygon", coordinates: [closed(ring)] };
 }

@@ -1,6 +1,7 @@
 // How far one gets in 5, 10 and 15 minutes.
 
-import { get, lonLat } from "./api.js";
+import { lonLat, send } from "./api.js";
+import { areas, known } from "./avoid.js";
 import { byId, coloured, complain, make, settled } from "./dom.js";
 import { frame, paint } from "./map.js";
 import { asked, onChange, state } from "./state.js";
@@ -64,6 +65,7 @@ function show(found) {
 }
 
 const find = settled(120, async () => {
+  await known();
   complain("isochrone", null);
   if (state.tab !== "reach" || state.from === null) {
     asking?.abort();
@@ -78,11 +80,14 @@ const find = settled(120, async () => {
   box.replaceChildren(make("p", { class: "note busy", role: "status", text: "Looking how far one gets …" }));
   paint("reach", []);
   try {
-    const found = await get(
-      "isochrone",
-      { origin: lonLat(state.from), minutes: MINUTES.join(","), depart_at: asked(state.at), walker: state.walker },
-      asking.signal,
-    );
+    const question = {
+      origin: [state.from.lon, state.from.lat],
+      minutes: MINUTES,
+      depart_at: asked(state.at),
+      walker: state.walker || null,
+      avoid: areas(),
+    };
+    const found = await send("POST", "isochrone", question, asking.signal);
     show(found);
   } catch (error) {
     if (error.name === "AbortError") return;
@@ -103,7 +108,7 @@ export function startReach() {
     make("div", { id: "reach-found" }),
   );
   onChange((changed) => {
-    if (["from", "at", "tab", "walker"].some((name) => changed.has(name))) find();
+    if (["from", "at", "avoid", "tab", "walker"].some((name) => changed.has(name))) find();
   });
   find();
 }

@@ -11,7 +11,7 @@ export const state = {
   to: null,
   at: null, // minutes of the week, Monday 0:00 is 0; null: now
   by: "", // when to be there, such as "18:30"
-  avoid: [], // {lon, lat, metres, name}: routes keep that far from there; or {street}: they keep off a street of that name
+  avoid: [], // {lon, lat, metres, name}: walks keep that far from there; or {street}: they keep off a street of that name
   planners: ["expected", "shortest-path"],
   walker: "",
   objective: "",

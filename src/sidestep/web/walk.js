@@ -1,6 +1,7 @@
 // A walk played crossing by crossing: the server is told where the walker is and what it sees, and says how to go on.
 
 import { get, listen, send } from "./api.js";
+import { areas, known } from "./avoid.js";
 import { capital, minutes, turnIcon } from "./directions.js";
 import { byId, calm, complain, make, toast } from "./dom.js";
 import { along, bearing, length, upTo } from "./line.js";
@@ -198,6 +199,7 @@ async function start() {
   complain("walk", null);
   show();
   try {
+    await known();
     const begins = state.at ?? (await get("clock")).now.slice(0, 19);
     const begun = await send("POST", "walks", {
       origin: [state.from.lon, state.from.lat],
@@ -206,6 +208,7 @@ async function start() {
       depart_at: asked(state.at) ?? begins,
       ...(state.walker ? { walker: state.walker } : {}),
       ...(state.objective ? { objective: state.objective } : {}),
+      avoid: areas(),
     });
     const line = begun.route.geometry.coordinates;
     const current = {
@@ -286,11 +289,11 @@ export function startWalk() {
     make("ol", { id: "walk-log", class: "log", reversed: true }),
   );
   onChange((changed) => {
-    if (changed.has("from") || changed.has("to")) {
+    if (["from", "to", "avoid"].some((name) => changed.has(name))) {
       stop();
       byId("walk-log").replaceChildren();
     }
-    if (changed.has("from") || changed.has("to") || changed.has("tab")) show();
+    if (["from", "to", "avoid", "tab"].some((name) => changed.has(name))) show();
   });
   addEventListener("pagehide", stop);
   show();
