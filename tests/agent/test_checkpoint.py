@@ -276,6 +276,18 @@ def test_the_latest_checkpoints_stay(saved, tmp_path):
     assert names(tmp_path) == ["checkpoint-10.eqx"]
 
 
+def test_a_checkpoint_goes_once_another_has_its_name(saved, tmp_path, monkeypatch):
+    checkpoint.save(after(1, saved[1]), tmp_path)
+
+    def fail(*_: object) -> None:
+        raise OSError
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OutputError):
+        checkpoint.save(after(2, saved[1]), tmp_path)
+    assert names(tmp_path) == ["checkpoint-1.eqx"]
+
+
 @pytest.mark.parametrize("size", [0, 40, 3_000, -1])
 def test_a_damaged_checkpoint_falls_back_to_the_one_before(saved, tmp_path, size):
     for rounds in (1, 2, 3):

@@ -118,3 +118,11 @@ def test_settings_that_differ() -> None:
     rush = told().differences(told(scenario=scenario("helsinki")))
     assert rush["scenario.place.side"] == (3, None)
     assert rush["scenario.place.streets"] == (None, "helsinki")
+
+
+def test_what_cannot_be_read_is_said(trainings: Path, tmp_path: Path) -> None:
+    (tmp_path / "one" / "metrics.jsonl").mkdir(parents=True)
+    (tmp_path / "one" / "model.eqx").write_bytes((trainings / "done" / "model.eqx").read_bytes())
+    (found,) = find_runs(tmp_path)
+    assert found.state == "unreadable"
+    assert str(tmp_path / "one") in (found.error or "")

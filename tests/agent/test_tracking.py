@@ -67,7 +67,8 @@ def test_event_files_go_on_with_the_training(tmp_path: Path) -> None:
 
 
 def test_no_event_file_unless_asked(tmp_path: Path) -> None:
-    train(PROBLEM, CONFIG, out=tmp_path)
+    train(PROBLEM, CONFIG, out=tmp_path, track=True)
+    train(PROBLEM, CONFIG, out=tmp_path, overwrite=True)  # whose curve the first one's file would not be
     assert list(tmp_path.glob("events*")) == []
 
 

@@ -184,6 +184,17 @@ def test_compare_writes_single_walks(sidestep, model, tmp_path):
         with pytest.raises(SidestepError) as caught:
             cli.app(args, exit_on_error=False, print_error=False)
         assert caught.value.field == "results_out"
+    args = [
+        "compare",
+        *map(str, GRID),
+        "--walks-out",
+        str(out / "a.csv"),
+        "--results-out",
+        str(out / "b" / ".." / "a.csv"),
+    ]
+    with pytest.raises(SidestepError) as caught:
+        cli.app(args, exit_on_error=False, print_error=False)
+    assert caught.value.field == "results_out"
     assert {file.name: file.read_bytes() for file in model.iterdir()} == before
 
 

@@ -160,11 +160,12 @@ def save(checkpoint: Checkpoint, folder: Path, keep: int = 1) -> None:
     rounds = len(checkpoint.metadata.curve)
     with whole_file(folder / f"checkpoint-{rounds}.eqx") as temporary:
         _write(temporary, checkpoint.metadata, checkpoint.state)
-        there = checkpoints(folder)
-        before = [path for path in there if _rounds(path) < rounds]
-        for path in there:
-            if _rounds(path) > rounds or path in before[keep - 1 :]:
-                path.unlink()
+    # Only now that it has its name: with the others gone and this one unfinished, nothing could go on.
+    there = checkpoints(folder)
+    before = [path for path in there if _rounds(path) < rounds]
+    for path in there:
+        if _rounds(path) > rounds or path in before[keep - 1 :]:
+            path.unlink()
     with whole_file(folder / MODEL) as temporary:
         _write(temporary, checkpoint.metadata, checkpoint.model.q_network)
 
@@ -177,7 +178,10 @@ def _write(path: Path, metadata: Metadata, tree: Any) -> None:
 
 def checkpoints(folder: Path) -> list[Path]:
     """List the checkpoints in a folder, the latest first; none where there is no folder."""
-    found = folder.iterdir() if folder.is_dir() else ()
+    try:
+        found = list(folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise CheckpointError(f"cannot read {folder}: {reason(error)}", field="folder") from error
     return sorted((path for path in found if _NUMBERED.fullmatch(path.name)), key=_rounds, reverse=True)
 
 

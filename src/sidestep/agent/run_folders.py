@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from sidestep.agent.checkpoint import MODEL, CheckpointError, Metadata, checkpoints, read_metadata
 from sidestep.agent.metrics import METRICS, RoundMetrics, is_running, read_metrics
+from sidestep.files import reason
 
 State = Literal["running", "interrupted", "finished", "unreadable"]
 
@@ -84,18 +85,23 @@ def read_run(folder: Path) -> RunFolder:
     CheckpointError
         The folder holds no training (field ``folder``).
     """
-    if not _holds_run(folder, [path.name for path in folder.iterdir()] if folder.is_dir() else []):
+    found_here = checkpoints(folder)
+    if not found_here and not any((folder / name).exists() for name in (METRICS, MODEL)):
         raise CheckpointError(f"no training in {folder}: sidestep runs lists those there are", field="folder")
-    running, metadata, error = is_running(folder), None, None
-    if checkpoints(folder) or (folder / MODEL).exists():
-        try:
+    running, metadata, error = False, None, None
+    metrics: Sequence[RoundMetrics] = ()
+    try:
+        running, metrics = is_running(folder), read_metrics(folder)
+        if found_here or (folder / MODEL).exists():
             metadata = read_metadata(folder)
-        except CheckpointError as found:
-            error = str(found)
+    except CheckpointError as found:
+        error = str(found)
+    except OSError as found:
+        error = f"cannot read the training in {folder}: {reason(found)}"
     state: State = "finished" if metadata is not None and metadata.finished else "interrupted"
     if running or error is not None:
         state = "running" if running else "unreadable"
-    return RunFolder(folder, state, metadata, read_metrics(folder), error)
+    return RunFolder(folder, state, metadata, metrics, error)
 
 
 def find_runs(folder: Path) -> list[RunFolder]:

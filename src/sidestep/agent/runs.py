@@ -24,7 +24,7 @@ from sidestep.agent.checkpoint import (
 )
 from sidestep.agent.config import TrainConfig, TrainConfigError
 from sidestep.agent.metrics import MetricsFile, RoundMetrics, open_metrics
-from sidestep.agent.tracking import EventFile, check_tracking
+from sidestep.agent.tracking import EventFile, check_tracking, remove_events
 from sidestep.agent.train import RoundReport, TrainState, training_rounds
 from sidestep.arguments import COUNT, FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
 from sidestep.environment.types import EnvParams, Instance
@@ -243,6 +243,7 @@ class _Folder:
         """Clear away what the rounds so far did not write, and say how many seconds these took."""
         remove_unfinished(self._path, "*.eqx")
         kept = self._metrics.cut(metadata.means)
+        remove_events(self._path)
         if self._track:
             self.events = EventFile(self._path, kept)
         return kept[-1].seconds if kept else 0.0

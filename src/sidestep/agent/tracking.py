@@ -24,6 +24,21 @@ def check_tracking() -> None:
         raise TrainConfigError("event files take tensorboardX: pip install 'sidestep[track]'", field="track")
 
 
+def remove_events(folder: Path) -> None:
+    """Remove event files of a training that is replaced or goes on; an :class:`OutputError` where that is refused."""
+    with _refused(folder):
+        for old in folder.glob(EVENTS):
+            old.unlink()
+
+
+@contextmanager
+def _refused(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot write event files to {folder}: {reason(error)}", field="out") from error
+
+
 class EventFile:
     """An event file under way, with a point for every round."""
 
@@ -31,9 +46,7 @@ class EventFile:
         from tensorboardX.event_file_writer import EventsWriter  # it writes at once, without a thread
 
         self._folder, self._began = folder, time() - (lines[-1].seconds if lines else 0.0)
-        with self._refused():
-            for old in folder.glob(EVENTS):
-                old.unlink()
+        with _refused(self._folder):
             self._writer = EventsWriter(str(folder / "events"))
         for line in lines:
             self.add(line)
@@ -46,7 +59,7 @@ class EventFile:
         values = [(name, getattr(line, name)) for name in SCALARS]
         points = [Summary.Value(tag=name, simple_value=value) for name, value in values if value is not None]
         event = Event(step=line.round, wall_time=self._began + line.seconds, summary=Summary(value=points))
-        with self._refused():
+        with _refused(self._folder):
             self._writer.write_event(event)
             self._writer.flush()
 
@@ -54,10 +67,3 @@ class EventFile:
         """Close the file; every round was written at once."""
         with suppress(OSError):
             self._writer.close()
-
-    @contextmanager
-    def _refused(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise OutputError(f"cannot write event files to {self._folder}: {reason(error)}", field="out") from error

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from sidestep.cli import options
 from sidestep.cli.console import print_table, progress
+from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,6 +66,11 @@ def compare(
         Planner that the others' minutes are set against.
     walks_out
         File for the single walks, .csv or .parquet: a row for each walk and planner.
+
+    Raises
+    ------
+    SidestepError
+        One file for both tables (field ``results_out``), and all that the planners and the walks refuse.
     """
     options.check_least(seed=seed, maps=maps, walks=walks, workers=workers)
     options.check_minutes(by=by)
@@ -86,6 +92,9 @@ def compare(
         for problem in options.read_scenarios(scenario, changes)
     ]
     numbers = lineups[0].map_numbers(maps)
+    if walks_out is not None and results_out is not None and walks_out.resolve() == results_out.resolve():
+        said = f"--walks-out and --results-out are both {walks_out}: give one of them another file"
+        raise SidestepError(said, field="results_out")
     for field, out in (("walks_out", walks_out), ("results_out", results_out)):
         check_out(out, field, scenario, lineups[0].scenario, model or ())
     each = walks or lineups[0].scenario.walks

@@ -72,13 +72,21 @@ def show(folder: RunOption, /, *, out: Path | None = None, as_json: options.Json
     ------
     SidestepError
         A file that is no picture's (field ``out``), and all that :func:`read_run` refuses.
+    OutputError
+        The file of ``out`` cannot be written.
     """
     if out is not None and (out.suffix.lower() != ".png" or out.is_dir()):
         raise SidestepError(f"--out must be a picture's file, such as curve.png, not {out}", field="out")
     from sidestep.agent.run_folders import read_run
+    from sidestep.files import OutputError
 
-    run = read_run(folder)
-    picture = _draw(run, out or folder / "learning-curve.png")
+    run, unwritable = read_run(folder), None
+    try:
+        picture = _draw(run, out or folder / "learning-curve.png")
+    except OutputError as error:
+        if out is not None:
+            raise
+        picture, unwritable = None, error  # somebody else's, perhaps
     if as_json:
         lines = [line.model_dump(mode="json") for line in run.metrics]
         shown = {**run.to_json(), "minutes": run.minutes, "metrics": lines, "picture": picture and str(picture)}
@@ -89,6 +97,8 @@ def show(folder: RunOption, /, *, out: Path | None = None, as_json: options.Json
         print_text(run.error)
     if run.minutes:
         print(f"\nMinutes of the greedy test walks\n{plot({'': run.minutes})}\n")
+    if unwritable is not None:
+        print_text(f"No picture: {unwritable}; name a file for it with --out.")
     if picture is not None:
         print(f"Learning curve: {picture}")
 

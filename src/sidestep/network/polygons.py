@@ -145,10 +145,10 @@ def _list(content: dict[str, Any], member: str) -> list[Any]:
 def _polygon(rings: list[Any], town: Town) -> shapely.Geometry:
     """One polygon: its outer ring, and its holes."""
     if not rings:
-        raise PolygonError("a polygon is none: it has no ring")
+        raise PolygonError("a polygon must have a ring, not none")
     polygon = _of_rings([_ring(ring, town) for ring in rings])
     if not shapely.is_valid(polygon):
-        raise PolygonError(f"a polygon is none: {shapely.is_valid_reason(polygon)}")
+        raise PolygonError(f"a polygon is not valid: {shapely.is_valid_reason(polygon)}")
     return polygon
 
 

@@ -336,7 +336,7 @@ for _planner, _use in (
     (Expected, "The default of `route`: when no live counts are at hand."),
     (Clairvoyant, "Never in practice: the bound that shows what is left to gain."),
     (GreedyLocal, "When there is no map, only what is in sight."),
-    (LrtaStar, "The same in a town, where streets end or bend: it arrives."),
+    (LrtaStar, "The same in a town, where streets end or bend: it mostly arrives."),
     (GreedyMap, "When a map and expected crowds are at hand, and the walker looks around."),
     (Snapshot, "When all counters report now, and crowds change slowly."),
     (Forecast, "When all counters report now: the best without training."),

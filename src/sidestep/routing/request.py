@@ -314,6 +314,8 @@ def read_departure(given: object, field: str = "depart", today: date | None = No
     RouteError
         Anything else.
     """
+    if isinstance(given, time) and given.tzinfo is not None:
+        raise RouteError(f"{called(field)} must be a time of the place, without a timezone, not {given}", field=field)
     if given is None or isinstance(given, (datetime, time, TimeOfWeek)):
         return given
     if _is_number(given):

@@ -156,7 +156,7 @@ def replay(
     hours = list(hours_of(table, wall))
     began, start = hours[0][0].replace(tzinfo=zone), time.monotonic()
     span = f"{hours[0][0]:{MINUTE}} to {last + HOUR:{MINUTE}}"
-    tell(f"Posting {len(hours):,} hours, {span}, each in {3600 / speed:,.4g} s")
+    tell(f"Posting {len(hours):,} hour{'s' * (len(hours) != 1)}, {span}, each in {3600 / speed:,.4g} s")
     try:
         client.ask("PUT", "/clock", {"now": began.isoformat(), "speed": speed})
         for hour, counts in hours:

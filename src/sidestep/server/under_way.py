@@ -147,14 +147,16 @@ def go_on(served: ServedTown, walk_id: str, position: Position) -> dict[str, Any
 
     def go(state: dict[str, Any]) -> dict[str, Any]:
         walk, router = _walk(served, state)
+        # Now may be before the last report, whose time may be ahead of the server's clock.
+        told = asked if position.time is not None else _later(served, asked, state["reported"])
         # What was reported before counts changed the plan, but comes after, is as of then.
-        late = _later(served, asked, state["reported"]) != asked
-        time = asked if late else _later(served, asked, state["decided"])
+        late = _later(served, told, state["reported"]) != told
+        time = told if late else _later(served, told, state["decided"])
         when = 0.0 if time is None else time
         reported, decision = walks.report(router, walk, place, when, density=position.density, ahead=ahead)
         _check_time(served, state, walk.clock, reported.clock)
         expires = datetime.now(UTC) + LONGEST_WALK
-        return {"reported": _wall(served, asked), **_state(served, walk_id, reported, decision, expires)}
+        return {"reported": _wall(served, told), **_state(served, walk_id, reported, decision, expires)}
 
     said: dict[str, Any] = _changed(served, walk_id, go)["said"]
     return said
@@ -261,7 +263,11 @@ def _check_time(served: ServedTown, state: dict[str, Any], before: float, clock:
         With the field ``time``.
     """
     if state["dated"]:  # perhaps played, faster than in reality
-        ahead, most, than = clock - before, LONGEST_WALK, "that of the last report"
+        ahead, most, than = (
+            clock - before,
+            LONGEST_WALK,
+            "that of the last report or, before there is one, the departure",
+        )
     else:
         passed = (served.clock.instant - datetime.fromisoformat(state["departs"])).total_seconds()
         ahead, most, than = clock - passed, AHEAD, f"now, {served.clock.now():%Y-%m-%d %H:%M} by the server"

@@ -86,7 +86,10 @@ const STREET = "street:";
 
 /** An area to avoid that is written as longitude, latitude and metres, or as a street; or null. */
 function readArea(text) {
-  if (text.startsWith(STREET)) return { street: text.slice(STREET.length).replaceAll("%3B", ";") };
+  if (text.startsWith(STREET)) {
+    const street = text.slice(STREET.length).replaceAll("%3B", ";");
+    return street.trim() === "" ? null : { street };
+  }
   const [, place, metres] = /^(.*),(\d+)$/.exec(text) ?? [];
   const middle = readPlace(place);
   return middle && SIZES.includes(Number(metres)) ? { ...middle, metres: Number(metres) } : null;
@@ -95,7 +98,8 @@ function readArea(text) {
 /** What part of the map is seen, or null. */
 function readCamera(text) {
   const [zoom, lat, lon] = text.split("/").map(Number);
-  return [zoom, lat, lon].every(Number.isFinite) ? { zoom, lat, lon } : null;
+  const possible = zoom >= 0 && zoom <= 24 && Math.abs(lat) <= 90 && Math.abs(lon) <= 180;
+  return possible ? { zoom, lat, lon } : null;
 }
 
 const oneOf = (words) => (text) => (words.includes(text) ? text : null);
