@@ -527,16 +527,24 @@ def test_the_link_holds_the_view(opened):
 
 def test_links_that_make_no_sense_show_the_town_and_say_what_is_left_out(opened):
     view = opened().open(
-        "#from=1e99,x&to=&at=Someday&by=25:00&planners=%3Cb%3E,shortest-path&tab=none&map=a/b/c&walker=ghost&avoid=1,2,3&goal=5"
+        "#from=1e99,x&to=&at=Someday&by=25:00&planners=%3Cb%3E,shortest-path&tab=none&map=14/500/24.9&walker=ghost&avoid=1,2,3;street:&goal=5"
     )
     names = ["from", "to", "at", "by", "avoid", "planners", "walker", "tab"]
     assert view.get("(names) => names.map((name) => sidestep.state[name])", names) == [
         None, None, None, "", [], ["shortest-path"], "", "routes",
     ]  # fmt: skip
     said = view.page.locator("#alert-says")
-    for part in ("from=1e99,x", "at=Someday", "by=25:00", "planners=<b>", "tab=none", "map=a/b/c", "walker=ghost"):
+    for part in (
+        "from=1e99,x",
+        "at=Someday",
+        "by=25:00",
+        "planners=<b>",
+        "tab=none",
+        "map=14/500/24.9",
+        "walker=ghost",
+    ):
         expect(said).to_contain_text(part)
-    for part in ("avoid=1,2,3", "goal=5"):
+    for part in ("avoid=1,2,3", "avoid=street:", "goal=5"):
         expect(said).to_contain_text(part)
     expect(said).not_to_contain_text(re.compile("shortest-path|to="))
     view.get("(link) => { location.hash = link; }", f"#from={FROM}&to={TO}")
