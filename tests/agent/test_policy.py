@@ -41,7 +41,7 @@ def seen() -> Callable[..., Observation]:
             jnp.float32(0), where, jnp.arange(3), jnp.zeros((3, 2)), *[three] * 3, jnp.array(revisiting), jnp.arange(3)
         )
         estimate, valid = jnp.array([500.0, 600.0, 100.0]), jnp.array([True, True, False])
-        return Observation(jnp.int32(0), where, valid, jnp.int32(0), local, None, None, estimate)
+        return Observation(jnp.int32(0), where, valid, jnp.int32(0), local=local, estimate=estimate)
 
     return make
 
