@@ -275,7 +275,7 @@ def _line(
         epsilon=float(report.epsilon),
         minutes=minutes,
         gap=None if least is None else minutes / least - 1,
-        arrival_rate=float(np.mean(report.test_arrived)),
+        arrival_rate=float(np.asarray(report.test_arrived).mean()),
         steps_per_second=rate * config.round_steps,
         updates_per_second=rate * config.iterations,
     )
