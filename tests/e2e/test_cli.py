@@ -392,6 +392,14 @@ def test_interrupted_training_keeps_its_checkpoint(environ, tmp_path):
     assert len(checkpoint.load_model(folder).metadata.curve) >= 1
 
 
+def test_reproduce_that_is_refused_leaves_no_folder(tmp_path):
+    args = ["reproduce", "--quick", "--out", str(tmp_path / "r"), "--results-out", str(tmp_path / "x.txt")]
+    with pytest.raises(SidestepError) as caught:
+        cli.app(args, exit_on_error=False, print_error=False)
+    assert caught.value.field == "results_out"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_reproduce_writes_everything(sidestep, agreed_row, monkeypatch, tmp_path):
     # Rounds and walks as in the demonstration above, so that compiled programs serve both.
     monkeypatch.setattr(paper, "QUICK", paper.Plan(maps=2, literal_maps=1, rounds=3, literal_rounds=1, walks=5))

@@ -65,11 +65,11 @@ def reproduce(
     from sidestep.experiments.paper import reproduce as run
     from sidestep.files import output_folder
 
-    output_folder(out)
     if results_out is not None:
         from sidestep.evaluation.tables import check_table_file
 
         check_table_file(results_out, "results_out")
+    output_folder(out)
     plan = replace(QUICK, seed=seed) if quick else Plan(maps=maps, seed=seed)
     threads, began = workers or options.processors(), perf_counter()
     with progress("reproducing", plan.total, "maps") as advance:
