@@ -85,14 +85,13 @@ def read_run(folder: Path) -> RunFolder:
     CheckpointError
         The folder holds no training (field ``folder``).
     """
-    found_here = checkpoints(folder)
-    if not found_here and not any((folder / name).exists() for name in (METRICS, MODEL)):
+    if not _holds_run(folder):
         raise CheckpointError(f"no training in {folder}: sidestep runs lists those there are", field="folder")
     running, metadata, error = False, None, None
     metrics: Sequence[RoundMetrics] = ()
     try:
         running, metrics = is_running(folder), read_metrics(folder)
-        if found_here or (folder / MODEL).exists():
+        if checkpoints(folder) or (folder / MODEL).exists():
             metadata = read_metadata(folder)
     except CheckpointError as found:
         error = str(found)
@@ -125,12 +124,12 @@ def find_runs(folder: Path) -> list[RunFolder]:
     if not folder.is_dir():
         raise CheckpointError(f"{folder} is no folder", field="folder")
     found = []
-    for path, below, names in os.walk(folder):
+    for path, below, _ in os.walk(folder):
         below[:] = [name for name in below if not name.startswith(".")]
-        if _holds_run(Path(path), names):
+        if _holds_run(Path(path)):
             found.append(Path(path))
     return [read_run(path) for path in sorted(found)]
 
 
-def _holds_run(folder: Path, names: Sequence[str]) -> bool:
-    return bool({METRICS, MODEL} & set(names) or checkpoints(folder))
+def _holds_run(folder: Path) -> bool:
+    return bool(checkpoints(folder)) or any((folder / name).exists() for name in (METRICS, MODEL))
