@@ -5,8 +5,6 @@ of weekdays, dates, tables of sensors and lights by name, lists for tuples, and 
 """
 
 import os
-import re
-import tomllib
 from collections.abc import ItemsView
 from datetime import date
 from functools import partial
@@ -18,19 +16,15 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, Valida
 from sidestep.arguments import PATH, checked
 from sidestep.crowds.counts import TEST, TRAIN
 from sidestep.crowds.wall_time import DAYS
-from sidestep.files import reason
 from sidestep.scenarios import values
 from sidestep.scenarios.builtin import AUCKLAND_SENSORS, BUILT_IN, HELSINKI_TIMEZONE, scenario
 from sidestep.scenarios.model import RewardSpec, Scenario, read_objective
 from sidestep.scenarios.places import CountColumns, Counters, CrowdTable, Light, Sensor, Traffic, Venue
-from sidestep.scenarios.spec import Fault, ScenarioError, faults, shown
-from sidestep.scenarios.toml_lines import line_of
+from sidestep.scenarios.spec import ScenarioError, faults, shown
+from sidestep.scenarios.toml_files import read_toml, refusal
 from sidestep.scenarios.walkers import read_walkers
 from sidestep.walking.speed_laws import Law
 
-LARGEST = 1 << 16  # bytes and
-MOST_LINES = 2_000  # lines of a scenario file; more is no scenario
-_LINE_OF_ERROR = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 PAIRED = "paired"
 
 
@@ -281,8 +275,8 @@ def load_scenario(path: str | Path) -> Scenario:
     ('park', 20, (8, 18))
     """
     path = Path(path)
-    text = _text(path)
-    parsed, folder = _tuples(_parsed(path, text)), path.resolve().parent
+    text, parsed = read_toml(path, "scenario", ScenarioError)
+    folder = path.resolve().parent
     name = folder.name if folder.name and path.name == "scenario.toml" else path.stem
     try:
         read = ScenarioFile.model_validate(parsed, context={"folder": folder})
@@ -292,11 +286,8 @@ def load_scenario(path: str | Path) -> Scenario:
             return _with_sensors(Scenario.model_validate(read.model_dump() | {"name": read.name or name}))
     except ValidationError as error:
         found = faults(error, ScenarioFile)
-    first, *others = sorted((_located(path, text, fault) for fault in found), key=lambda error: error.line or 0)
-    more = f" ({len(others)} more mistake{'s' * (len(others) > 1)} in this file)" if others else ""
-    refusal = ScenarioError(f"{first}{more}", field=first.field, line=first.line)
-    refusal.others = tuple(others)
-    raise refusal
+    refused = refusal(path, text, found, ScenarioError)
+    raise refused
 
 
 def _with_sensors(found: Scenario) -> Scenario:
@@ -324,52 +315,3 @@ def _with_sensors(found: Scenario) -> Scenario:
             return found.changed(sensors=sensors)
         case _:
             return found
-
-
-def _text(path: Path) -> str:
-    if os.path.isdir(path):  # noqa: PTH112 - as above
-        raise ScenarioError(f"{path} is a folder; name the file in it, such as {path / 'scenario.toml'}")
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        said = reason(error) if isinstance(error, OSError) else str(error)
-        raise ScenarioError(f"cannot read the scenario {str(path)!r:.300}: {said}") from error
-    if len(content) > LARGEST or content.count(b"\n") > MOST_LINES:
-        raise ScenarioError(f"{path}: more than {LARGEST >> 10} KiB or {MOST_LINES:,} lines are no scenario")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise ScenarioError(f"{path}: line {line}: not a text file (UTF-8)", line=line) from error
-    if not text.strip():
-        raise ScenarioError(f"{path}: the file is empty")
-    return text
-
-
-def _parsed(path: Path, text: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except RecursionError as error:
-        raise ScenarioError(f"{path}: brackets are nested too deeply") from error
-    except tomllib.TOMLDecodeError as error:
-        said, line = str(error), text.rstrip("\n").count("\n") + 1
-        if found := _LINE_OF_ERROR.search(said):
-            said, line = said[: found.start()], min(int(found[1] or line), line)
-        said = f"{said[:1].lower()}{said[1:]:.200}"
-        raise ScenarioError(f"{path}: line {line}: not TOML: {said}", line=line) from error
-    except ValueError as error:  # a number of thousands of digits
-        raise ScenarioError(f"{path}: not TOML: {str(error)[:200]}") from error
-
-
-def _tuples(value: Any) -> Any:
-    """Lists, which may change, as tuples, which specs hold."""
-    if isinstance(value, dict):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
-def _located(path: Path, text: str, fault: Fault) -> ScenarioError:
-    """A mistake with its file and line."""
-    line, sentence = line_of(text, fault.path), " ".join(fault.sentence.split())
-    return ScenarioError(f"{path}: line {line}: {sentence}", field=".".join(fault.path), line=line)
