@@ -10,11 +10,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, kept, mean_row, trained
+from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, kept, trained
 
 from sidestep.agent.presets import preset_for
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import percent
+from sidestep.evaluation.trainings import mean_row
 from sidestep.files import write_text
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import BUILT_IN

@@ -14,11 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, Case, agents_table, costs, kept, mean_rows, planners_table
+from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, Case, agents_table, costs, kept, planners_table
 
 from sidestep.agent.checkpoint import load_model
 from sidestep.evaluation.compare import Comparison, compare
 from sidestep.evaluation.metrics import cells
+from sidestep.evaluation.trainings import mean_rows
 from sidestep.files import write_text
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import choose_planners

@@ -11,10 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trainings import DOCS, SEEDS, Case, agents_table, costs, kept, mean_rows, planners_table
+from trainings import DOCS, SEEDS, Case, agents_table, costs, kept, planners_table
 
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Row
+from sidestep.evaluation.trainings import mean_rows
 from sidestep.files import write_text
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.reader import find_scenario

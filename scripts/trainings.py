@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from sidestep.agent.config import TrainConfig
 from sidestep.agent.presets import preset_for
 from sidestep.agent.runs import train
 from sidestep.evaluation.compare import Comparison, compare
 from sidestep.evaluation.metrics import Row, cells, percent
+from sidestep.evaluation.trainings import mean_rows
 from sidestep.files import write_text
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.builtin import BUILT_IN
@@ -26,8 +26,6 @@ TOOK = ("seconds", "steps_per_second", "updates_per_second")
 COLUMNS = (
     "planner", "knows", "minutes", "median", "90 %", "difference", "difference 95 %", "gap", "arrive",
 )  # fmt: skip
-MEANS = {"ci95": "mean_minutes", "gap_ci95": "gap", "difference_ci95": "difference_minutes"}
-"""Intervals of rows, and what they are of."""
 
 
 @dataclass(frozen=True)
@@ -81,28 +79,6 @@ def trained(folder: Path, scenario: Scenario, config: TrainConfig, seed: int) ->
     return kept(
         folder / "trained.json", lambda: train(scenario, config, seed=seed, out=folder, overwrite=True).to_json()
     )
-
-
-def over_trainings(values: Sequence[float]) -> list[float]:
-    """95 % interval of a mean over trainings: Student's, for they are few."""
-    half = student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5
-    return [float(np.mean(values) - half), float(np.mean(values) + half)]
-
-
-def mean_row(rows: Sequence[Row]) -> Row:
-    """One planner's mean over the seeds, with intervals over trainings; a number that one of them lacks is None."""
-    mean: dict[str, Any] = dict(rows[0])
-    for name in mean.keys() - {"level", "maps", *MEANS}:
-        values: list[Any] = [row[name] for row in rows]  # type: ignore[literal-required]
-        mean[name] = None if None in values else float(np.mean(values))
-    for interval, name in MEANS.items():
-        mean[interval] = over_trainings([row[name] for row in rows])  # type: ignore[literal-required]
-    return mean  # type: ignore[return-value]
-
-
-def mean_rows(results: Sequence[dict[str, Any]]) -> dict[str, Row]:
-    """The means of all planners of some comparisons, one for each seed."""
-    return {name: mean_row([found["planners"][name] for found in results]) for name in results[0]["planners"]}
 
 
 def planners_table(results: Sequence[dict[str, Any]]) -> str:

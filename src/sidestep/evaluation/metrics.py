@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import equinox as eqx
 import jax
@@ -40,6 +40,19 @@ class Record(eqx.Module):
     def maps(self) -> int:
         """Number of maps walked: the first ones of the comparison."""
         return len(self.minutes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers and lists of them, from which :meth:`of_json` makes the same record to the bit."""
+        arrays = {"minutes": self.minutes, "arrived": self.arrived, "cost": self.cost}
+        totals = {name: total.tolist() for name, total in self.totals.items()}
+        return {"level": self.level, **{name: array.tolist() for name, array in arrays.items()}, "totals": totals}
+
+    @classmethod
+    def of_json(cls, found: dict[str, Any]) -> "Record":
+        """The record of which :meth:`to_json` made this."""
+        minutes, arrived, cost = (np.asarray(found[name]) for name in ("minutes", "arrived", "cost"))
+        totals = {name: np.asarray(total) for name, total in found["totals"].items()}
+        return cls(found["level"], minutes, arrived, cost, totals)
 
 
 def join_records(records: Sequence[Record], join: Callable[[Sequence[np.ndarray]], np.ndarray]) -> Record:
