@@ -2,16 +2,22 @@
 
 import os
 import re
+import secrets
 import stat
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import BinaryIO, ParamSpec, TypeVar
 
 from sidestep.errors import SidestepError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 P = ParamSpec("P")
 Made = TypeVar("Made")
@@ -171,6 +177,45 @@ def remove_unfinished(folder: Path, names: str) -> None:
     """Remove what processes that were killed in :func:`whole_file` left of files with such names, such as ``*.eqx``."""
     for left in folder.glob(f".{names}.*.part"):
         left.unlink(missing_ok=True)
+
+
+@contextmanager
+def only_one(path: Path, refusal: SidestepError) -> Iterator[str]:
+    """Hold a file that one process at a time can hold, also of another machine that has the same folder.
+
+    Parameters
+    ----------
+    path
+        The file; it is made, and stays.
+    refusal
+        Raised where another process holds it.
+
+    Yields
+    ------
+    str
+        What the file now says: a text that nobody else has written.
+
+    Raises
+    ------
+    SidestepError
+        Another process holds the file.
+    OutputError
+        The file cannot be written.
+    """
+    with ExitStack() as held:
+        try:
+            file = held.enter_context(path.open("a+", encoding="utf-8"))
+            if fcntl is not None:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # however a process ends, the system lets go of it
+            said = secrets.token_hex()
+            file.truncate(0)
+            file.write(said)
+            file.flush()
+        except BlockingIOError:
+            raise refusal from None
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {reason(error)}") from error
+        yield said
 
 
 def write_text(path: Path, text: str) -> None:

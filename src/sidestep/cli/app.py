@@ -15,6 +15,7 @@ from sidestep.cli.compare import compare
 from sidestep.cli.route import route
 from sidestep.cli.runs import runs_app
 from sidestep.cli.serve import replay, serve
+from sidestep.cli.sweep import sweep
 from sidestep.cli.train import train
 from sidestep.errors import SidestepError, SidestepWarning
 
@@ -34,6 +35,7 @@ for command in (
     experiments.demo,
     experiments.reproduce,
     train,
+    sweep,
     compare,
     route,
     queries.when,

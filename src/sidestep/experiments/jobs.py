@@ -1,0 +1,136 @@
+"""One job of a study: train, walk, and say how it went. Done again, or after a kill, it has the same result."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from sidestep.agent.checkpoint import CheckpointError, Model, load_model, read_metadata
+from sidestep.agent.config import TrainConfig
+from sidestep.agent.runs import train
+from sidestep.evaluation.compare import compare
+from sidestep.evaluation.metrics import Record
+from sidestep.experiments.study import AGENT, Job, StudyError, differs
+from sidestep.files import output_folder, reason, write_text
+from sidestep.planners.learned import trained_darp
+from sidestep.planners.registry import PlannerFactory, choose_planners
+
+LOCK = "sweep.lock"
+"""Held by the sweep that has a study's folder and, on clusters, by the worker that does a job."""
+JOB = "job.json"
+RESULT = "result.json"
+"""Written last: its job is done."""
+TOOK = ("seconds", "steps_per_second", "updates_per_second", "best_minutes")
+Result = dict[str, Any]
+"""``records`` of walks by planner (:meth:`~sidestep.evaluation.metrics.Record.to_json`); what the training ``took``."""
+
+
+def check_job(job: Job, out: Path) -> bool:
+    """Whether a job is done.
+
+    Parameters
+    ----------
+    job
+        The job.
+    out
+        Folder of the study; nothing is written to it.
+
+    Returns
+    -------
+    bool
+        False also for planners' walks of which some are missing.
+
+    Raises
+    ------
+    StudyError
+        A job of this name was begun there that differs; its field is the setting.
+    """
+    before = _read(out / job.name / JOB)
+    if before is not None and (found := differs(before, job.to_json())):
+        said = f"{out / job.name} has {found}; ask for the same, or choose another folder with --out"
+        raise StudyError(said, field=found.partition(" ")[0])
+    done = read_result(job, out)
+    return done is not None and done["records"].keys() >= set(job.planner_names)
+
+
+def read_result(job: Job, out: Path) -> Result | None:
+    """What a job's result is, if there is one."""
+    return _read(out / job.name / RESULT)
+
+
+def run_job(job: Job, out: Path) -> Result:
+    """Do a job, or as much of it as is not done.
+
+    Parameters
+    ----------
+    job
+        The job.
+    out
+        Folder of the study. The job has a folder in it, in which the model is, and at last the result.
+
+    Returns
+    -------
+    Result
+        The same, but for what the training took, however often it was interrupted.
+
+    Raises
+    ------
+    SidestepError
+        What is asked for can't be trained or walked, or the folder can't be written to.
+    """
+    done = check_job(job, out)
+    result = read_result(job, out) or {"records": {}}
+    if done:
+        return result
+    folder = output_folder(out / job.name)
+    for left in folder.glob(".*.part"):  # of a process that was killed as it wrote
+        left.unlink(missing_ok=True)
+    write_text(folder / JOB, json.dumps(job.to_json()) + "\n")
+    factories: dict[str, PlannerFactory] = {}
+    if job.agent is None:
+        factories = choose_planners(job.scenario, job.planners).factories
+        factories = {name: factory for name, factory in factories.items() if name not in result["records"]}
+    else:
+        model, result["took"] = _trained(job, job.agent.config, folder)
+        darp = trained_darp(model)
+        factories[AGENT] = lambda *_: darp
+    compared = compare(job.scenario, factories, maps=job.walked, walks=job.walks, seed=job.seed)
+    result["records"] |= {name: record.to_json() for name, record in compared.records.items()}
+    write_text(folder / RESULT, json.dumps(result) + "\n")
+    return result
+
+
+def _trained(job: Job, config: TrainConfig, folder: Path) -> tuple[Model, dict[str, Any]]:
+    """The trained agent, from where it was left, and what the training took since then."""
+    try:
+        begun = read_metadata(folder)
+    except CheckpointError:  # nothing there, or nothing of use
+        begun = None
+    if begun is not None and begun.finished:
+        return load_model(folder), {"rounds": len(begun.curve)}
+    run = train(
+        job.scenario,
+        config,
+        seed=job.seed,
+        index=job.map,
+        out=folder,
+        resume=begun is not None,
+        overwrite=begun is None,
+    )
+    numbers = run.to_json()
+    return run.model, {"rounds": len(run.metadata.curve)} | {name: numbers[name] for name in TOOK}
+
+
+def _read(path: Path) -> Any:
+    """What a file of JSON says; None where there is none."""
+    try:
+        return json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        said = reason(error) if isinstance(error, OSError) else "it is no JSON"
+        raise StudyError(f"cannot read {path}: {said}; remove it, and its job is done again") from error
+
+
+def records_of(result: Result, label: str = AGENT) -> dict[str, Record]:
+    """The walks of a result by planner; the agent under another name."""
+    return {label if name == AGENT else name: Record.of_json(found) for name, found in result["records"].items()}
