@@ -1,11 +1,13 @@
 """Studies: every mistake has its field and line; every job a name of its own."""
 
+import re
 from pathlib import Path
 
 import pytest
 
-from sidestep.experiments.study import Study, StudyError, labels, read_study
+from sidestep.experiments.study import Study, StudyError, StudyFile, labels, read_study
 
+ROOT = Path(__file__).parents[2]
 SMALL = "scenarios = 'paper-congested'\nchanges = { side = 3, crowded_nodes = 1 }\nwalks = 5\n"
 
 
@@ -141,3 +143,19 @@ def test_all_mistakes_in_values_are_told_at_once(study) -> None:
 def test_no_file(tmp_path) -> None:
     with pytest.raises(StudyError):
         read_study(Path(tmp_path / "none.toml"))
+
+
+@pytest.mark.parametrize(
+    ("name", "agents"), [("small", 8), ("levels", 3 * 10), ("ablations", 3 * 12), ("towns", 3 * 3)]
+)
+def test_the_examples(name: str, agents: int) -> None:
+    found = read_study(ROOT / "examples" / "studies" / f"{name}.toml")
+    assert sum(job.agent is not None for job in found.jobs) == agents
+
+
+def test_the_study_of_the_page_is_the_small_one(study) -> None:
+    page = (ROOT / "docs" / "sweeps.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    assert study(text).jobs == read_study(ROOT / "examples" / "studies" / "small.toml").jobs
+    for key in StudyFile.model_fields:
+        assert f"| `{key}` |" in page
