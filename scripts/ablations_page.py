@@ -2,38 +2,31 @@
 
 Usage: python scripts/ablations_page.py FOLDER
 
-Models and comparisons that are in FOLDER already are not made again.
+The trainings are those of examples/studies/ablations.toml. What is in FOLDER already is not done again.
 """
 
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, kept, trained
+from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, swept
 
-from sidestep.agent.presets import preset_for
-from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import percent
 from sidestep.evaluation.trainings import mean_row
+from sidestep.experiments.sweep import Swept
 from sidestep.files import write_text
-from sidestep.planners.registry import choose_planners
-from sidestep.scenarios.builtin import BUILT_IN
 
-SCENARIO = "rush-16"
 DEFAULT = "darp-default"
 LEVELS = {"local": "greedy-local", "map": "greedy-map"}  # and the planner that an untrained agent is
-AT_MAP = ("default", "no-dueling", "prioritised", "one-step")  # what is tried there
-VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {  # the option of `train`, and the setting that it changes
-    "default": ("", {}),
-    "no-dueling": ("--no-dueling", {"dueling": False}),
-    "no-double": ("--no-double", {"double": False}),
-    "prioritised": ("--alpha 0.6", {"alpha": 0.6}),
-    "one-step": ("--n-step 1", {"n_step": 1}),
-    "six-steps": ("--n-step 6", {"n_step": 6}),
-    "no-potential": ("--no-potential", {"potential": False}),
-    "gamma-0.99": ("--gamma 0.99", {"gamma": 0.99}),
-    "dqn": ("--preset dqn", {"dueling": False, "double": False, "alpha": 0.0}),
+OPTIONS = {  # of `train`, by variant
+    "no-dueling": "--no-dueling",
+    "no-double": "--no-double",
+    "prioritised": "--alpha 0.6",
+    "one-step": "--n-step 1",
+    "six-steps": "--n-step 6",
+    "no-potential": "--no-potential",
+    "gamma-0.99": "--gamma 0.99",
+    "dqn": "--preset dqn",
 }
 PAGE = """# Ablations
 
@@ -63,16 +56,35 @@ estimate, and not discounting, may be worth 0.2 minutes each. At level `map` tra
 
 def main(folder: Path) -> None:
     """Train, compare, write."""
-    page, results = "", {}
+    found = swept("ablations", folder)
+    page, models, steps = "", 0, []
     for level, untrained in LEVELS.items():
-        results[level] = kept(folder / f"{level}.json", partial(run, folder, level, untrained))
-        page += f"\n## Level `{level}`\n\n{table(results[level]['over'])}"
-    walks, models = results["local"]["walks"], 0
-    for found in results.values():
-        models += len(SEEDS) * sum(name.startswith("darp") for name in found["over"]["expected"][0])
-    steps = " and ".join(f"{results[level]['steps']} at level `{level}`" for level in LEVELS)
-    head = PAGE.format(models=models, walks=walks, steps=steps, seeds=SEEDS_IN_WORDS, freedom=len(SEEDS) - 1)
+        jobs = {found.labels[job.name]: job.agent for job in found.study.jobs if job.agent is not None}
+        agents = {label: agent for label, agent in jobs.items() if agent.config.level == level}
+        plain = next(agent for agent in agents.values() if not agent.variant)
+        steps.append(f"{plain.config.n_step} at level `{level}`")
+        names = {label: f"darp-{agent.variant or 'default'}" for label, agent in agents.items()}
+        page += f"\n## Level `{level}`\n\n{table(over(found, names, untrained))}"
+        models += len(SEEDS) * len(agents)
+    head = PAGE.format(
+        models=models,
+        walks=found.study.jobs[0].walks,
+        steps=" and ".join(steps),
+        seeds=SEEDS_IN_WORDS,
+        freedom=len(SEEDS) - 1,
+    )
     write_text(DOCS / "ablations.md", head + page)
+
+
+def over(found: Swept, agents: dict[str, str], untrained: str) -> dict[str, list[dict[str, Any]]]:
+    """The rows of a level's agents, under the page's names, for each seed, by what they are set against."""
+    (comparisons,) = found.comparisons.values()
+    shown = {"expected": "expected", untrained: untrained, **agents}
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for baseline, said in ((label, name) for label, name in shown.items() if name in ("expected", DEFAULT)):
+        results = [each.to_json(baseline=baseline)["planners"] for each in comparisons]
+        rows[said] = [{name: planners[label] for label, name in shown.items()} for planners in results]
+    return rows
 
 
 def table(over: dict[str, list[dict[str, Any]]]) -> str:
@@ -80,7 +92,7 @@ def table(over: dict[str, list[dict[str, Any]]]) -> str:
     text = "| agent | options of `train` | minutes | over `expected` | 95 % | over the clairvoyant "
     text += "| over `darp-default` | 95 % | each seed |\n|---|---|--:|--:|--:|--:|--:|--:|--:|\n"
     for name in over["expected"][0]:
-        option = VARIANTS.get(name.removeprefix("darp-"), ("",))[0]
+        option = OPTIONS.get(name.removeprefix("darp-"), "")
         row, paired = (mean_row([found[name] for found in over[baseline]]) for baseline in ("expected", DEFAULT))
         text += (
             f"| {name} | {option and f'`{option}`'} | {row['mean_minutes']:.1f} | {row['difference_minutes']:+.2f} | "
@@ -95,28 +107,6 @@ def marked(row: dict[str, Any]) -> str:
     """A difference, with a star where its interval over walks does not contain zero."""
     low, high = row["difference_ci95"]
     return f"{row['difference_minutes']:+.2f}{'' if low <= 0 <= high else '*'}"
-
-
-def run(folder: Path, level: str, untrained: str) -> dict[str, Any]:
-    """One level: all variants in one comparison for each seed; rows by what they are set against."""
-    problem, over = BUILT_IN[SCENARIO], {"expected": [], DEFAULT: []}
-    default = preset_for(problem, "default", level)  # type: ignore[arg-type]
-    for seed in SEEDS:
-        models = []
-        for name, (_, changes) in VARIANTS.items():
-            config = default.changed(**changes)
-            if (name != "default" and config == default) or (level == "map" and name not in AT_MAP):
-                continue
-            models.append(folder / f"seed-{seed}" / level / name)
-            trained(models[-1], problem, config, seed)
-        chosen = choose_planners(problem, [untrained], models=models, seed=seed)
-        compared = compare(problem, chosen.factories, maps=[0], walks=problem.walks, seed=seed)
-        for baseline, rows in over.items():
-            found = compared.to_json(baseline=baseline)["planners"]
-            rows.append(
-                {name: found[name] for name in found if name.startswith("darp") or name in (untrained, "expected")}
-            )
-    return {"walks": problem.walks, "steps": default.n_step, "over": over}
 
 
 if __name__ == "__main__":

@@ -1,40 +1,29 @@
 """Train an agent at every level, compare it with the planners that know as much, and write docs/levels.md.
 
-Usage: python scripts/levels_page.py FOLDER [SCENARIO ...] [--walks N]
+Usage: python scripts/levels_page.py FOLDER
 
-Models that are in FOLDER already are not trained again, and comparisons that are there are not walked again. The page
-is written when all scenarios have been compared. ``--walks`` takes fewer walks on each map, for a quick look.
+The trainings are those of examples/studies/levels.toml. What is in FOLDER already is neither trained nor walked again.
 """
 
-import argparse
-import json
+import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, Case, agents_table, costs, kept, planners_table
+from trainings import DOCS, SEEDS, SEEDS_IN_WORDS, agents_table, costs, kept, models, planners_table, swept
 
 from sidestep.agent.checkpoint import load_model
 from sidestep.evaluation.compare import Comparison, compare
 from sidestep.evaluation.metrics import cells
 from sidestep.evaluation.trainings import mean_rows
+from sidestep.experiments.sweep import Swept
 from sidestep.files import write_text
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import choose_planners
+from sidestep.scenarios.builtin import BUILT_IN
 
-PLANNERS = (
-    "shortest-path", "greedy-local", "expected", "greedy-map", "snapshot", "forecast", "clairvoyant",
-)  # fmt: skip
-CASES = [
-    Case("paper-unblocked", ("local",), 1_000, PLANNERS),
-    Case("paper-congested", ("local",), 1_000, PLANNERS),
-    Case("rush-16", ("local", "map", "live"), 1_600, PLANNERS),
-    Case("rush-32", ("live",), 250, PLANNERS),
-    Case("shifting-crowds", ("local",), 300, PLANNERS),
-    Case("unseen-maps", ("map",), 50, PLANNERS),
-]
 MARGIN_COLUMNS = ("planner", "minutes", "difference", "difference 95 %", "gap", "arrive")
 PAGE = """# Levels of knowledge
 
@@ -130,6 +119,7 @@ GOALS = [
 ]
 
 
+TOWN = "helsinki"
 MARGINS = {"map": "greedy-map", "live": "forecast"}  # level: its planner without training
 MARGIN_WALKS = 100
 DEPLOYED: dict[str, dict[str, Any]] = {
@@ -152,46 +142,29 @@ the three trainings; differences are minutes over `darp` as deployed.
 """
 
 
-def main() -> None:
+def main(folder: Path) -> None:
     """Train, compare, write."""
-    known = {case.scenario: partial(run, case) for case in CASES} | {"margins": margins}
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("scenarios", nargs="*", default=[*known])
-    parser.add_argument("--walks", type=int, help="on each map, instead of each scenario's own number")
-    options = parser.parse_args()
-    for name in options.scenarios:
-        kept(options.folder / f"{name}.json", partial(known[name], options.folder, options.walks))
-    if all((options.folder / f"{name}.json").exists() for name in known):
-        write_page(options.folder)
+    found = swept("levels", folder)
+    write_page(found, kept(folder / "margins.json", partial(margins, found, folder)))
 
 
-def run(case: Case, folder: Path, walks: int | None) -> dict[str, Any]:
-    """One scenario: its models, then one comparison of all for each seed."""
-    took = case.trained(folder / case.scenario)
-    compared = case.compared(folder / case.scenario, walks)
-    goals = [{**asdict(goal), **judged(goal, compared)} for goal in GOALS if goal.scenario == case.scenario]
-    return {"trained": took, "compared": [each.to_json() for each in compared], "goals": goals}
-
-
-def margins(folder: Path, walks: int | None) -> dict[str, Any]:
+def margins(found: Swept, folder: Path) -> dict[str, Any]:
     """The agents of a town, deployed with and without their margins: comparisons by level, one for each seed."""
-    case, results = Case("helsinki", tuple(MARGINS), walks or MARGIN_WALKS, ()), {}
-    case.trained(folder / case.scenario)
-    for at, (level, untrained) in enumerate(MARGINS.items()):
+    problem, results = BUILT_IN[TOWN], {}
+    for level, untrained in MARGINS.items():
         results[level] = []
-        for seed in SEEDS:
-            model = load_model(case.models(folder / case.scenario, seed)[at])
+        for seed, where in zip(SEEDS, models(found, folder, TOWN, level), strict=True):
+            model = load_model(where)
             agents = {name: trained_darp(model.changed(**changes)) for name, changes in DEPLOYED.items()}
-            factories = choose_planners(case.problem, [untrained]).factories
+            factories = choose_planners(problem, [untrained]).factories
             factories |= {name: lambda *_, agent=agent: agent for name, agent in agents.items()}
-            compared = compare(case.problem, factories, maps=[0], walks=case.walks, seed=seed)
+            compared = compare(problem, factories, maps=[0], walks=MARGIN_WALKS, seed=seed)
             margin = {"margin": model.metadata.config.correction_margin_seconds}
             results[level].append(compared.to_json(baseline="darp") | margin)
     return results
 
 
-def judged(goal: Goal, compared: Sequence[Comparison]) -> dict[str, object]:
+def judged(goal: Goal, compared: Sequence[Comparison]) -> dict[str, Any]:
     """The paired differences that a goal is about, one for each seed, and which of them meet it."""
     found, met = [], []
     for rows in (each.to_json(baseline=goal.baseline)["planners"] for each in compared):
@@ -209,26 +182,27 @@ def judged(goal: Goal, compared: Sequence[Comparison]) -> dict[str, object]:
     return {"found": f"{', '.join(found)} {'% of the way' if goal.towards else 'min'}", "met": met}
 
 
-def write_page(folder: Path) -> None:
-    """docs/levels.md from the numbers in the folder."""
+def write_page(found: Swept, deployed: dict[str, Any]) -> None:
+    """docs/levels.md from what the study found."""
     page = PAGE.format(seeds=SEEDS_IN_WORDS, freedom=len(SEEDS) - 1)
-    results = {case: json.loads((folder / f"{case.scenario}.json").read_text(encoding="utf-8")) for case in CASES}
     page += "| scenario | agent | goal | measured | |\n|---|---|---|---|---|\n"
-    for case, found in results.items():
-        for goal in found["goals"]:
-            page += verdict(case.scenario, goal["row"], goal["text"], goal["found"], goal["met"])
-        for name in (name for name in found["compared"][0]["planners"] if name.startswith("darp")):
-            rates = [each["planners"][name]["arrival_rate"] for each in found["compared"]]
+    every = {name: compared for name, compared in found.comparisons.items() if name != TOWN}
+    for scenario, compared in every.items():
+        for goal in (goal for goal in GOALS if goal.scenario == scenario):
+            judgement = judged(goal, compared)
+            page += verdict(scenario, goal.row, goal.text, judgement["found"], judgement["met"])
+        for name in (name for name in compared[0].records if name.startswith("darp")):
+            rates = [float(each.records[name].arrived.mean()) for each in compared]
             text = ", ".join(f"{rate:.4f}" for rate in rates)
-            page += verdict(case.scenario, name, "arrival at least 0.999", text, [rate >= 0.999 for rate in rates])
-        seconds = [one["seconds"] for each in found["trained"].values() for one in each]
+            page += verdict(scenario, name, "arrival at least 0.999", text, [rate >= 0.999 for rate in rates])
+        trained = [job for job in found.study.jobs if job.agent is not None and job.scenario.name == scenario]
+        seconds = [found.results[job.name]["took"]["seconds"] for job in trained]
         text = f"at most {max(seconds):.0f} s"
-        page += verdict(case.scenario, "all", "trained within 120 s", text, [each <= 120 for each in seconds])
+        page += verdict(scenario, "all", "trained within 120 s", text, [each <= 120 for each in seconds])
     page += "\n## Results\n"
-    for case, found in results.items():
-        page += section(case, found)
-    page += margins_section(json.loads((folder / "margins.json").read_text(encoding="utf-8")))
-    write_text(DOCS / "levels.md", page)
+    for scenario in every:
+        page += section(found, scenario)
+    write_text(DOCS / "levels.md", page + margins_section(deployed))
 
 
 def verdict(case: str, row: str, goal: str, found: str, met: Sequence[bool]) -> str:
@@ -237,15 +211,13 @@ def verdict(case: str, row: str, goal: str, found: str, met: Sequence[bool]) -> 
     return f"| {case} | {row} | {goal} | {found} | {'met' if all(met) else missed} |\n"
 
 
-def section(case: Case, found: dict[str, Any]) -> str:
+def section(found: Swept, scenario: str) -> str:
     """One scenario's tables."""
-    first = found["compared"][0]
-    maps, walks = first["maps"], first["walks"]
-    summary = case.problem.summary
-    text = f"\n### {case.scenario}\n\n{summary[0].upper()}{summary[1:]}. "
+    results = [each.to_json() for each in found.comparisons[scenario]]
+    maps, walks, summary = (results[0][name] for name in ("maps", "walks", "summary"))
+    text = f"\n### {scenario}\n\n{summary[0].upper()}{summary[1:]}. "
     text += f"For each seed {maps} map{'s' * (maps > 1)}, {walks:,} walks{' on each' * (maps > 1)}.\n\n"
-    text += costs(case.scenario, found["trained"])
-    return text + planners_table(found["compared"]) + "\n" + agents_table(found["compared"])
+    return text + costs(found, scenario) + planners_table(results) + "\n" + agents_table(results)
 
 
 def margins_section(found: dict[str, Any]) -> str:
@@ -262,4 +234,4 @@ def margins_section(found: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]))

@@ -1,8 +1,8 @@
 """Train agents in towns, compare them with the planners, and renew the tables of docs/towns.md and docs/traffic.md.
 
-Usage: python scripts/towns_page.py FOLDER [--elsewhere SCENARIO] [--walks N]
+Usage: python scripts/towns_page.py FOLDER [--elsewhere SCENARIO]
 
-Models that are in FOLDER already are not trained again, and comparisons that are there are not walked again.
+What is in FOLDER already is neither trained nor walked again.
 ``--elsewhere`` also lets the agents of level `map` walk another town, given as a scenario file.
 """
 
@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trainings import DOCS, SEEDS, Case, agents_table, costs, kept, planners_table
+from trainings import DOCS, SEEDS, agents_table, costs, kept, models, planners_table, swept
 
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Row
@@ -20,12 +20,8 @@ from sidestep.files import write_text
 from sidestep.planners.registry import choose_planners
 from sidestep.scenarios.reader import find_scenario
 
-PLANNERS = ("shortest-path", "expected", "greedy-map", "snapshot", "forecast", "clairvoyant")
 WALKS = 500
-PAGES = {
-    "towns.md": Case("helsinki", ("map", "live"), WALKS, PLANNERS),
-    "traffic.md": Case("helsinki-signals", ("map",), WALKS, PLANNERS),
-}
+PAGES = {"towns.md": "helsinki", "traffic.md": "helsinki-signals"}
 CROWDINGS = (30, 60, 120)
 ELSEWHERE = ("expected", "greedy-map", "darp", "clairvoyant")
 BEGIN, END = "<!-- scripts/towns_page.py writes the results of {} from here -->\n", "<!-- to here -->\n"
@@ -36,34 +32,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--elsewhere", metavar="SCENARIO", help="scenario file of another town")
-    parser.add_argument("--walks", type=int, help="instead of 500")
     options = parser.parse_args()
     folder: Path = options.folder
-    for page, case in PAGES.items():
-        found = kept(folder / f"{case.scenario}.json", partial(run, case, folder / case.scenario, options.walks))
-        text = costs(case.scenario, found["trained"]) + planners_table(found["compared"])
-        renew(DOCS / page, case.scenario, f"{text}\n{agents_table(found['compared'])}")
+    found = swept("towns", folder)
+    for page, scenario in PAGES.items():
+        compared = [each.to_json() for each in found.comparisons[scenario]]
+        text = costs(found, scenario) + planners_table(compared)
+        renew(DOCS / page, scenario, f"{text}\n{agents_table(compared)}")
     if options.elsewhere:
-        models = [PAGES["towns.md"].models(folder / "helsinki", seed)[0] for seed in SEEDS]
-        found = kept(folder / "elsewhere.json", partial(elsewhere, options.elsewhere, models, options.walks or WALKS))
-        renew(DOCS / "towns.md", "another town", elsewhere_table(found))
+        agents = models(found, folder, "helsinki", "map")
+        rows = kept(folder / "elsewhere.json", partial(elsewhere, options.elsewhere, agents))
+        renew(DOCS / "towns.md", "another town", elsewhere_table(rows))
 
 
-def run(case: Case, folder: Path, walks: int | None) -> dict[str, Any]:
-    """One scenario: its models, then one comparison of all for each seed."""
-    took = case.trained(folder)
-    return {"trained": took, "compared": [each.to_json() for each in case.compared(folder, walks)]}
-
-
-def elsewhere(place: str, models: list[Path], walks: int) -> dict[str, Any]:
+def elsewhere(place: str, agents: list[Path]) -> dict[str, Any]:
     """Another town at some crowdings: comparisons, one for each seed."""
     found: dict[str, Any] = {}
     for crowding in CROWDINGS:
         problem = find_scenario(place, crowding=float(crowding))
         found[str(crowding)] = []
-        for seed, model in zip(SEEDS, models, strict=True):
+        for seed, model in zip(SEEDS, agents, strict=True):
             chosen = choose_planners(problem, ELSEWHERE[1:2], models=[model], seed=seed)
-            compared = compare(problem, chosen.factories, maps=[0], walks=walks, seed=seed)
+            compared = compare(problem, chosen.factories, maps=[0], walks=WALKS, seed=seed)
             found[str(crowding)].append(compared.to_json())
     return found
 

@@ -1,25 +1,21 @@
-"""The same agent from several trainings, for the pages of the documentation: each on the map and the walks of its seed."""
+"""The same agents from several trainings, for the pages of the documentation: sweeps of the studies in examples."""
 
 import json
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sidestep.agent.config import TrainConfig
-from sidestep.agent.presets import preset_for
-from sidestep.agent.runs import train
-from sidestep.evaluation.compare import Comparison, compare
 from sidestep.evaluation.metrics import Row, cells, percent
 from sidestep.evaluation.trainings import mean_rows
+from sidestep.experiments.study import read_study
+from sidestep.experiments.sweep import Swept, sweep
 from sidestep.files import write_text
-from sidestep.planners.registry import choose_planners
-from sidestep.scenarios.builtin import BUILT_IN
-from sidestep.scenarios.model import Scenario
 
 DOCS = Path(__file__).parents[1] / "docs"
+STUDIES = Path(__file__).parents[1] / "examples" / "studies"
 SEEDS = (1, 2, 3)
 SEEDS_IN_WORDS = "1, 2 and 3"
 TOOK = ("seconds", "steps_per_second", "updates_per_second")
@@ -28,42 +24,18 @@ COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Case:
-    """Agents to train on a scenario, and the walks to compare them on: more where differences are small."""
+def swept(study: str, folder: Path) -> Swept:
+    """All that a study of that name finds; what is in the folder already is not done again."""
+    found = sweep(read_study(STUDIES / f"{study}.toml"), folder, workers=os.cpu_count() or 1)
+    if found.failed:
+        raise SystemExit("\n".join(f"{name}: {error}" for name, error in found.failed.items()))
+    return found
 
-    scenario: str
-    levels: tuple[str, ...]
-    walks: int  # on each map
-    planners: tuple[str, ...]
 
-    @property
-    def problem(self) -> Scenario:
-        """The scenario of that name."""
-        return BUILT_IN[self.scenario]
-
-    def models(self, folder: Path, seed: int) -> list[Path]:
-        """Where this seed's agents are; they are called by these folders."""
-        return [folder / f"seed-{seed}" / level for level in self.levels]
-
-    def trained(self, folder: Path) -> dict[str, list[dict[str, Any]]]:
-        """What the trainings took, by level and for each seed; those that are in the folder are not done again."""
-        took: dict[str, list[dict[str, Any]]] = {level: [] for level in self.levels}
-        for seed in SEEDS:
-            for level, model in zip(self.levels, self.models(folder, seed), strict=True):
-                found = trained(model, self.problem, preset_for(self.problem, "default", level), seed)  # type: ignore[arg-type]
-                took[level].append({name: found[name] for name in TOOK})
-                took[level][-1]["rounds"] = len(found["curve_minutes"])
-        return took
-
-    def compared(self, folder: Path, walks: int | None) -> list[Comparison]:
-        """Walk with each seed's agents, and with the planners, on that seed's maps."""
-        found = []
-        for seed in SEEDS:
-            chosen = choose_planners(self.problem, self.planners, models=self.models(folder, seed), seed=seed)
-            maps = chosen.map_numbers()
-            found.append(compare(self.problem, chosen.factories, maps=maps, walks=walks or self.walks, seed=seed))
-        return found
+def models(found: Swept, folder: Path, scenario: str, level: str) -> list[Path]:
+    """Where a level's agents of a scenario are, one for each seed."""
+    jobs = [job for job in found.study.jobs if job.agent is not None and job.scenario.name == scenario]
+    return [folder / job.name for job in jobs if job.agent is not None and job.agent.config.level == level]
 
 
 def kept(target: Path, make: Callable[[], Any]) -> Any:
@@ -71,14 +43,6 @@ def kept(target: Path, make: Callable[[], Any]) -> Any:
     if not target.exists():
         write_text(target, json.dumps(make(), indent=2) + "\n")
     return json.loads(target.read_text(encoding="utf-8"))
-
-
-def trained(folder: Path, scenario: Scenario, config: TrainConfig, seed: int) -> dict[str, Any]:
-    """Train an agent on map 0 into a folder, unless it is there already; returns what ``train --json`` prints."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    return kept(
-        folder / "trained.json", lambda: train(scenario, config, seed=seed, out=folder, overwrite=True).to_json()
-    )
 
 
 def planners_table(results: Sequence[dict[str, Any]]) -> str:
@@ -106,8 +70,12 @@ def agents_table(results: Sequence[dict[str, Any]]) -> str:
     return text
 
 
-def costs(scenario: str, took: dict[str, list[dict[str, Any]]]) -> str:
-    """What the trainings took, level by level."""
+def costs(found: Swept, scenario: str) -> str:
+    """What the trainings on a scenario took, level by level."""
+    took: dict[str, list[dict[str, Any]]] = {}
+    for job in found.study.jobs:
+        if job.agent is not None and job.scenario.name == scenario:
+            took.setdefault(job.agent.config.level, []).append(found.results[job.name]["took"])
     text = ""
     for level, each in took.items():
         seconds, steps, updates = ([one[name] for one in each] for name in TOOK)
