@@ -1,11 +1,13 @@
 """What is kept of files, and until when."""
 
 import os
+import threading
 from pathlib import Path
 
 import pytest
 
-from sidestep.files import OutputError, cached_by_files, check_above, check_apart, output_folder, write_text
+from sidestep.errors import SidestepError
+from sidestep.files import OutputError, cached_by_files, check_above, check_apart, only_one, output_folder, write_text
 
 
 @pytest.mark.parametrize("name", ["read", "./made/../read", "link", "hard", "folder/inside"])
@@ -87,3 +89,21 @@ def test_pipes_and_devices_are_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="pipe"):
         write_text(tmp_path / "pipe", "text")
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_who_may_wait_holds_a_file_as_soon_as_nobody_else_does(tmp_path: Path) -> None:
+    path, refusal, order = tmp_path / "lock", SidestepError("busy"), []
+
+    def wait() -> None:
+        with only_one(path):
+            order.append("waited")
+
+    waiting = threading.Thread(target=wait)
+    with only_one(path):
+        waiting.start()
+        with pytest.raises(SidestepError) as caught, only_one(path, refusal):  # half a second later
+            pass
+        assert caught.value is refusal
+        order.append("let go")
+    waiting.join(10)
+    assert order == ["let go", "waited"]

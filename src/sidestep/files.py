@@ -2,26 +2,27 @@
 
 import os
 import re
-import secrets
 import stat
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import lru_cache, wraps
+from io import FileIO
 from pathlib import Path
+from time import sleep
 from typing import BinaryIO, ParamSpec, TypeVar
 
 from sidestep.errors import SidestepError
 
-try:
+if sys.platform != "win32":
     import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 P = ParamSpec("P")
 Made = TypeVar("Made")
 LARGEST = 2**31  # bytes that one file may unpack to; a town of a million streets takes a tenth of it
+_PATIENCE = 0.5  # s; who looks whether a file is held holds it for a moment
 # Raised by readers of damaged files: SyntaxError by the XML reader, RuntimeError by osmium.
 DAMAGED = (zipfile.BadZipFile, zlib.error, SyntaxError, EOFError, LookupError, TypeError, ValueError, RuntimeError)
 
@@ -180,42 +181,77 @@ def remove_unfinished(folder: Path, names: str) -> None:
 
 
 @contextmanager
-def only_one(path: Path, refusal: SidestepError) -> Iterator[str]:
+def only_one(path: Path, refusal: SidestepError | None = None) -> Iterator[FileIO]:
     """Hold a file that one process at a time can hold, also of another machine that has the same folder.
+
+    The lock is the system's and goes with the process, however that ends.
 
     Parameters
     ----------
     path
         The file; it is made, and stays.
     refusal
-        Raised where another process holds it.
+        Raised where another process holds it; None waits until that lets go.
 
     Yields
     ------
-    str
-        What the file now says: a text that nobody else has written.
+    io.FileIO
+        The file, open to be written to at its end; :func:`append` does so.
 
     Raises
     ------
     SidestepError
         Another process holds the file.
     OutputError
-        The file cannot be written.
+        The file cannot be written, with the field ``out``.
     """
-    with ExitStack() as held:
-        try:
-            file = held.enter_context(path.open("a+", encoding="utf-8"))
-            if fcntl is not None:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # however a process ends, the system lets go of it
-            said = secrets.token_hex()
-            file.truncate(0)
-            file.write(said)
-            file.flush()
-        except BlockingIOError:
-            raise refusal from None
-        except OSError as error:
-            raise OutputError(f"cannot write {path}: {reason(error)}") from error
-        yield said
+    try:
+        file = FileIO(path, "a")
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {reason(error)}", field="out") from error
+    with file:
+        waited = 0.0
+        while not locked(file):
+            if refusal is not None and waited >= _PATIENCE:
+                raise refusal
+            sleep(_PATIENCE / 10)
+            waited += _PATIENCE / 10
+        yield file
+
+
+def locked(file: FileIO, *, alone: bool = True) -> bool:
+    """Lock a file until it is closed, and say whether that was possible.
+
+    Parameters
+    ----------
+    file
+        An open file.
+    alone
+        Keep all others out, and not only those who want it alone.
+
+    Returns
+    -------
+    bool
+        False where another process holds it. Where there are no locks, everybody may have it.
+    """
+    if sys.platform == "win32":
+        return True
+    try:
+        fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        return True
+    return True
+
+
+def append(file: FileIO, text: bytes) -> None:
+    """Write at a file's end; an :class:`OutputError` with the field ``out`` where the disk is full."""
+    try:
+        while text:  # where the disk is nearly full, a part is written before the rest is refused
+            text = text[file.write(text) :]
+    except OSError as error:
+        raise OutputError(f"cannot write {file.name}: {reason(error)}", field="out") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sidestep.agent import metrics
+from sidestep import files
 from sidestep.agent.checkpoint import CheckpointError
 from sidestep.agent.metrics import RoundMetrics, is_running, open_metrics, read_metrics
 from sidestep.files import OutputError
@@ -78,7 +78,7 @@ def test_one_training_at_a_time(tmp_path: Path) -> None:
 
 
 def test_who_only_looks_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(metrics, "_PATIENCE", 60.0)
+    monkeypatch.setattr(files, "_PATIENCE", 60.0)
     (tmp_path / "metrics.jsonl").touch()
     with (tmp_path / "metrics.jsonl").open("rb") as looking:
         fcntl.flock(looking, fcntl.LOCK_SH)

@@ -1,22 +1,16 @@
 """How a training goes, round by round: a file of JSON lines, whose lock keeps other trainings out of its folder."""
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
-from time import sleep
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from sidestep.agent.checkpoint import CheckpointError
-from sidestep.files import OutputError, reason
-
-if sys.platform != "win32":
-    import fcntl
+from sidestep.files import append, locked, only_one
 
 METRICS = "metrics.jsonl"
-_PATIENCE = 0.5  # s; who looks whether a training runs holds its lock for a moment
 
 
 class RoundMetrics(BaseModel):
@@ -82,19 +76,12 @@ class MetricsFile:
 
     def append(self, line: RoundMetrics) -> None:
         """Add a line; an :class:`OutputError` where the disk is full."""
-        text = line.model_dump_json().encode() + b"\n"
-        try:
-            while text:  # where the disk is nearly full, a part is written before the rest is refused
-                text = text[self._file.write(text) :]
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {reason(error)}", field="out") from error
+        append(self._file, line.model_dump_json().encode() + b"\n")
 
 
 @contextmanager
 def open_metrics(folder: Path) -> Iterator[MetricsFile]:
     """Open the file of a folder's training, and keep others out for as long as it is open.
-
-    The lock is the system's and goes with the process, however that ends.
 
     Parameters
     ----------
@@ -114,18 +101,8 @@ def open_metrics(folder: Path) -> Iterator[MetricsFile]:
         The file cannot be opened.
     """
     path = folder / METRICS
-    try:
-        file = FileIO(path, "a")
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {reason(error)}", field="out") from error
-    with file:
-        waited = 0.0
-        while not _locked(file, alone=True):
-            if waited >= _PATIENCE:
-                said = f"another training writes to {folder}: wait for its end, or choose another folder with --out"
-                raise CheckpointError(said, field="out")
-            sleep(_PATIENCE / 10)
-            waited += _PATIENCE / 10
+    said = f"another training writes to {folder}: wait for its end, or choose another folder with --out"
+    with only_one(path, CheckpointError(said, field="out")) as file:
         yield MetricsFile(path, file)
 
 
@@ -133,7 +110,7 @@ def is_running(folder: Path) -> bool:
     """Say whether a training writes to a folder now."""
     try:
         with (folder / METRICS).open("rb", buffering=0) as file:
-            return not _locked(file, alone=False)
+            return not locked(file, alone=False)
     except FileNotFoundError:
         return False
 
@@ -163,16 +140,3 @@ def _parsed(line: bytes) -> RoundMetrics | None:
         return RoundMetrics.model_validate_json(line) if line.endswith(b"\n") else None
     except ValidationError:
         return None
-
-
-def _locked(file: FileIO, *, alone: bool) -> bool:
-    """Lock a file, until it is closed, unless another process holds it."""
-    if sys.platform == "win32":
-        return True
-    try:
-        fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks
-        return True
-    return True

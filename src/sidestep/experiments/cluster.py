@@ -2,12 +2,10 @@
 
 import asyncio
 import logging
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import sleep
 
 import sidestep
 from sidestep.errors import SidestepError
@@ -92,7 +90,8 @@ def _run_anywhere(job: Job, out: Path, token: str, version: str) -> tuple[Result
         raise SidestepError(f"a worker has version {sidestep.__version__} of sidestep, not {version}; install the same")
     start_worker()
     if _has(out, token):
-        with _alone(out / job.name):
+        # One worker that was thought dead may still be at work.
+        with only_one(output_folder(out / job.name) / LOCK):
             return run_job(job, out), {}
     with TemporaryDirectory() as folder:
         result = run_job(job, Path(folder))
@@ -106,23 +105,6 @@ def _has(out: Path, token: str) -> bool:
         return (out / LOCK).read_text(encoding="utf-8") == token
     except OSError:
         return False
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Wait for another worker at the same job: one that was thought dead may still be at work."""
-    output_folder(folder)
-    busy = SidestepError("busy")
-    with ExitStack() as held:
-        while True:
-            try:
-                held.enter_context(only_one(folder / LOCK, busy))
-                break
-            except SidestepError as error:
-                if error is not busy:
-                    raise
-                sleep(1.0)
-        yield
 
 
 def _write(files: Files, folder: Path) -> None:

@@ -1,5 +1,6 @@
 """A whole study: all its jobs that are not done yet, on this machine or a cluster, and what they tell together."""
 
+import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from sidestep.evaluation.trainings import over_trainings
 from sidestep.experiments.jobs import LOCK, Result, check_job, read_result, records_of
 from sidestep.experiments.pool import Ended, run_locally
 from sidestep.experiments.study import Job, Study, StudyError, labels
-from sidestep.files import only_one, output_folder
+from sidestep.files import append, only_one, output_folder
 from sidestep.planners.registry import BASELINE
 
 if TYPE_CHECKING:
@@ -151,7 +152,10 @@ def sweep(
         The scheduler does not answer (field ``scheduler``).
     """
     busy = StudyError(f"another sweep is at work in {out}; choose another folder with --out", field="out")
-    with only_one(output_folder(out) / LOCK, busy) as token:
+    with only_one(output_folder(out) / LOCK, busy) as lock:
+        token = secrets.token_hex()
+        lock.truncate(0)
+        append(lock, token.encode())
         todo = [job for job in study.jobs if not check_job(job, out)]
         results = {job.name: result for job in study.jobs if (result := read_result(job, out)) is not None}
         if scheduler is None:
