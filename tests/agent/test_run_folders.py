@@ -7,6 +7,7 @@ import pytest
 
 from sidestep.agent import checkpoint
 from sidestep.agent.checkpoint import CheckpointError, Metadata
+from sidestep.agent.config import differences
 from sidestep.agent.metrics import RoundMetrics, open_metrics
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.run_folders import find_runs, read_run
@@ -108,14 +109,15 @@ def test_where_there_is_no_training(trainings: Path) -> None:
 
 
 def test_settings_that_differ() -> None:
-    def told(**changes: object) -> Metadata:
+    def told(**changes: object) -> dict[str, object]:
         fields = {"scenario": PROBLEM, "seed": 0, "map": 0, "config": CONFIG, "fingerprint": ""}
-        return Metadata.model_validate(fields | changes)
+        return Metadata.model_validate(fields | changes).settings
 
-    assert told().differences(told(curve=((1.0,),), fingerprint="other")) == {}
+    assert told() == told(curve=((1.0,),), fingerprint="other")
     changed = told(scenario=PROBLEM.changed(walks=7), seed=5, config=CONFIG.changed(rounds=9))
-    assert told().differences(changed) == {"scenario.walks": (PROBLEM.walks, 7), "seed": (0, 5), "rounds": (3, 9)}
-    rush = told().differences(told(scenario=scenario("helsinki")))
+    found = {"scenario.walks": (PROBLEM.walks, 7), "seed": (0, 5), "rounds": (3, 9)}
+    assert differences(told(), changed) == found
+    rush = differences(told(), told(scenario=scenario("helsinki")))
     assert rush["scenario.place.side"] == (3, None)
     assert rush["scenario.place.streets"] == (None, "helsinki")
 

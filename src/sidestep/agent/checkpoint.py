@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from sidestep.agent.config import TrainConfig
+from sidestep.agent.config import TrainConfig, settings_by_name
 from sidestep.agent.policy import Policy, deployed
 from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.train import TrainState, prepare, uniform_draws
@@ -63,16 +63,8 @@ class Metadata(BaseModel):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All that a training depends on, by name: the scenario's fields with dots, then those of the configuration."""
-        scenario = _flat(self.scenario.model_dump(mode="json"), "scenario.")
-        return {**scenario, "seed": self.seed, "map": self.map, **self.config.model_dump(mode="json")}
-
-    def differences(self, other: "Metadata") -> dict[str, tuple[Any, Any]]:
-        """Both values of every setting that is not the same in another training; None where one has no such setting."""
-        mine, theirs = self.settings, other.settings
-        return {
-            name: (mine.get(name), theirs.get(name)) for name in mine | theirs if mine.get(name) != theirs.get(name)
-        }
+        """All that the training depends on, by name."""
+        return settings_by_name(self.scenario, self.seed, self.map, self.config)
 
     @property
     def means(self) -> list[float]:
@@ -85,14 +77,6 @@ class Metadata(BaseModel):
         patience, latest = self.config.patience, self.curve[-1 - self.config.patience :]
         settled = 0 < patience < len(latest) and len(set(latest)) == 1
         return len(self.curve) >= self.config.rounds or (settled and max(latest[-1]) < self.scenario.horizon / 60)
-
-
-def _flat(fields: dict[str, Any], prefix: str) -> dict[str, Any]:
-    """The same without dictionaries in it, whose fields have names with dots instead."""
-    flat: dict[str, Any] = {}
-    for name, value in fields.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
-    return flat
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from sidestep.environment.types import Information
+from sidestep.scenarios.model import Scenario
 from sidestep.scenarios.spec import Spec, SpecError
 from sidestep.scenarios.values import NonNegative, Positive, across
 
@@ -173,3 +174,34 @@ class TrainConfig(Spec):
     def remembers_places(self) -> bool:
         """Whether what is learned is of the nodes of one map."""
         return self.level == "position" or self.places > 0
+
+
+def settings_by_name(scenario: Scenario, seed: int, map_number: int, config: TrainConfig | None) -> dict[str, Any]:
+    """Name all that a training depends on.
+
+    Parameters
+    ----------
+    scenario, seed, map_number, config
+        What is learned, the seed of all of it, and how; no configuration where only planners walk.
+
+    Returns
+    -------
+    dict
+        Values as in JSON: the scenario's fields, with dots, ``seed``, ``map`` and the fields of the configuration.
+    """
+    fields = _flat(scenario.model_dump(mode="json"), "scenario.")
+    settings = {} if config is None else config.model_dump(mode="json")
+    return {**fields, "seed": seed, "map": map_number, **settings}
+
+
+def _flat(fields: dict[str, Any], prefix: str) -> dict[str, Any]:
+    """The same without dictionaries in it, whose fields have names with dots instead."""
+    flat: dict[str, Any] = {}
+    for name, value in fields.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return flat
+
+
+def differences(mine: dict[str, Any], theirs: dict[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """Both values of every setting that is not the same; None where one has no such setting."""
+    return {name: (mine.get(name), theirs.get(name)) for name in mine | theirs if mine.get(name) != theirs.get(name)}

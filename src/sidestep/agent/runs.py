@@ -22,7 +22,7 @@ from sidestep.agent.checkpoint import (
     read_metadata,
     save,
 )
-from sidestep.agent.config import TrainConfig, TrainConfigError
+from sidestep.agent.config import TrainConfig, TrainConfigError, differences
 from sidestep.agent.metrics import MetricsFile, RoundMetrics, open_metrics
 from sidestep.agent.tracking import EventFile, check_tracking, remove_events
 from sidestep.agent.train import RoundReport, TrainState, training_rounds
@@ -299,7 +299,7 @@ def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool, track: 
 
 def _check_same(folder: Path, wanted: Metadata) -> None:
     """Refuse to go on with the training in a folder if it is another one."""
-    for name, (old, new) in read_metadata(folder).differences(wanted).items():
+    for name, (old, new) in differences(read_metadata(folder).settings, wanted.settings).items():
         if name == "rounds" and new > old:
             continue
         more = " or more" if name == "rounds" else ""

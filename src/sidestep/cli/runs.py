@@ -107,6 +107,7 @@ def show(folder: RunOption, /, *, out: Path | None = None, as_json: options.Json
 def compare(one: RunOption, other: RunOption, /, *, as_json: options.Json = False) -> None:
     """Set two trainings side by side: the settings that differ, what came of them, and their learning curves."""
     from sidestep.agent.checkpoint import CheckpointError
+    from sidestep.agent.config import differences
     from sidestep.agent.run_folders import read_run
 
     both = [read_run(each) for each in (one, other)]
@@ -116,7 +117,7 @@ def compare(one: RunOption, other: RunOption, /, *, as_json: options.Json = Fals
             why = run.error or f"the training in {run.path} has not saved a round yet"
             raise CheckpointError(why, field="folder")
         told.append(run.metadata)
-    differ = told[0].differences(told[1])
+    differ = differences(*(metadata.settings for metadata in told))
     if as_json:
         settings = {name: list(values) for name, values in differ.items()}
         found = {"settings": settings, "runs": [{**run.to_json(), "minutes": run.minutes} for run in both]}

@@ -5,14 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from sidestep.agent.checkpoint import CheckpointError, Model, load_model, read_metadata
-from sidestep.agent.config import TrainConfig
+from sidestep.agent.config import TrainConfig, differences
 from sidestep.agent.runs import train
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
-from sidestep.experiments.study import AGENT, Job, StudyError, differs
-from sidestep.files import output_folder, reason, write_text
+from sidestep.experiments.study import AGENT, Job, StudyError
+from sidestep.files import output_folder, reason, remove_unfinished, write_text
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import PlannerFactory, choose_planners
+from sidestep.scenarios.spec import shown
 
 LOCK = "sweep.lock"
 """Held by the sweep that has a study's folder and, on clusters, by the worker that does a job."""
@@ -45,9 +46,10 @@ def check_job(job: Job, out: Path) -> bool:
         A job of this name was begun there that differs; its field is the setting.
     """
     before = _read(out / job.name / JOB)
-    if before is not None and (found := differs(before, job.to_json())):
-        said = f"{out / job.name} has {found}; ask for the same, or choose another folder with --out"
-        raise StudyError(said, field=found.partition(" ")[0])
+    changed = {} if before is None else differences(before, job.to_json())
+    for name, (old, new) in changed.items():
+        said = f"{out / job.name} has {name} {shown(old)}, not {shown(new)}"
+        raise StudyError(f"{said}; ask for the same, or choose another folder with --out", field=name)
     done = read_result(job, out)
     return done is not None and done["records"].keys() >= set(job.planner_names)
 
@@ -82,8 +84,7 @@ def run_job(job: Job, out: Path) -> Result:
     if done:
         return result
     folder = output_folder(out / job.name)
-    for left in folder.glob(".*.part"):  # of a process that was killed as it wrote
-        left.unlink(missing_ok=True)
+    remove_unfinished(folder, "*")
     write_text(folder / JOB, json.dumps(job.to_json()) + "\n")
     factories: dict[str, PlannerFactory] = {}
     if job.agent is None:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, ValidationError
 
-from sidestep.agent.config import TrainConfig
+from sidestep.agent.config import TrainConfig, differences, settings_by_name
 from sidestep.agent.presets import Preset, preset_for
 from sidestep.arguments import MOST_COUNTED, MOST_WHOLE, PATH, checked
 from sidestep.environment.types import Information
@@ -154,10 +154,9 @@ class Job:
         return tuple(range(self.scenario.maps)) if self.scenario.place.training_maps else (self.map,)
 
     def to_json(self) -> dict[str, Any]:
-        """All that its result depends on, by name: fields of the scenario, with dots, and settings of the training."""
-        scenario = _flat(self.scenario.model_dump(mode="json"), "scenario.")
-        settings = {} if self.agent is None else self.agent.config.model_dump(mode="json")
-        return {**dict(scenario), "seed": self.seed, "map": self.map, "walks": self.walks, **settings}
+        """All that its result depends on, by name."""
+        config = None if self.agent is None else self.agent.config
+        return {**settings_by_name(self.scenario, self.seed, self.map, config), "walks": self.walks}
 
 
 @dataclass(frozen=True)
@@ -174,14 +173,6 @@ def _setting(named: tuple[str, Any]) -> str:
     name, value = named
     text = "x".join(map(str, value)) if isinstance(value, tuple) else str(value)
     return f"{name}={text.lower() if isinstance(value, bool) else text}"
-
-
-def _flat(values: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{before}{name}.")
-        else:
-            yield f"{before}{name}", value
 
 
 @checked(StudyError, path=PATH)
@@ -236,12 +227,10 @@ def _add(jobs: dict[str, Job], job: Job) -> None:
     if there is None:
         jobs[job.name] = job
         return
-    said, again = there.to_json(), job.to_json()
-    for name in said | again:
-        if said.get(name) != again.get(name):
-            values = " and ".join(shown(each.get(name)) for each in (said, again))
-            sentence = f"{job.name} is asked for twice, with {name} {values}; make {name.rpartition('.')[2]} a list"
-            raise _Mistake(("grids",), sentence)
+    for name, values in differences(there.to_json(), job.to_json()).items():
+        both = " and ".join(map(shown, values))
+        sentence = f"{job.name} is asked for twice, with {name} {both}; make {name.rpartition('.')[2]} a list"
+        raise _Mistake(("grids",), sentence)
     if job.agent is None:
         planners = tuple(dict.fromkeys((*there.planners, *job.planners)))
         jobs[job.name] = Job(**{**vars(job), "planners": planners})
@@ -356,14 +345,6 @@ class _Grid:
             if key[0] in ("changes", "settings", "variants") and first:
                 place = (*place, first)
             raise _Mistake(place, str(error)) from error
-
-
-def differs(before: dict[str, Any], asked: dict[str, Any]) -> str | None:
-    """The first thing on which two jobs of one name differ, with its values; None where nothing does."""
-    for name in before | asked:
-        if before.get(name) != asked.get(name):
-            return f"{name} {shown(before.get(name))}, not {shown(asked.get(name))}"
-    return None
 
 
 def labels(jobs: Sequence[Job]) -> dict[str, str]:
