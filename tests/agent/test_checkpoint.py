@@ -1,6 +1,8 @@
 """Models and training runs on disk: what is loaded is what was saved, and what cannot be read is named."""
 
 import json
+import os
+import resource
 from pathlib import Path
 
 import equinox as eqx
@@ -319,15 +321,30 @@ def test_there_is_no_way_back_from_another_format(saved, tmp_path):
     assert caught.value.field == "format"
 
 
-def test_a_checkpoint_that_could_not_be_written_leaves_the_others(saved, tmp_path, monkeypatch):
-    checkpoint.save(after(7, saved[1]), tmp_path)
+@pytest.mark.parametrize("rounds", [1, 8])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.9, None])
+def test_a_full_disk_leaves_all_as_it_was(saved, tmp_path, rounds, share):
+    for earlier in (6, 7):
+        checkpoint.save(after(earlier, saved[1]), tmp_path, keep=2)
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(checkpoint.eqx, "tree_serialise_leaves", full)
-    for rounds in (1, 8):
+    if share is None:  # full once the checkpoint is written
+        (tmp_path / f".model.eqx.{os.getpid()}.part").symlink_to("/dev/full")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    limit = soft if share is None else int(share * len(before["checkpoint-7.eqx"]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
         with pytest.raises(OutputError):
-            checkpoint.save(after(rounds, saved[1]), tmp_path)
+            checkpoint.save(after(rounds, saved[1]), tmp_path, keep=2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_a_training_that_is_killed_as_it_saves_its_last_round_goes_on_to_the_end(saved, tmp_path):
+    checkpoint.save(after(2, saved[1]), tmp_path)
+    (tmp_path / "checkpoint-3.eqx").mkdir()  # a checkpoint that can't get its name
+    with pytest.raises(OutputError):
+        checkpoint.save(after(3, saved[1]), tmp_path)
+    (tmp_path / "checkpoint-3.eqx").rmdir()
+    # Not a checkpoint of all rounds beside a model of fewer: then there would be nothing to go on with.
+    assert [len(read.metadata.curve) for read in (checkpoint.load_model(tmp_path), checkpoint.load(tmp_path))] == [3, 2]

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Literal, TypeVar
@@ -144,20 +145,22 @@ def save(checkpoint: Checkpoint, folder: Path, keep: int = 1) -> None:
     rounds = len(checkpoint.metadata.curve)
     with whole_file(folder / f"checkpoint-{rounds}.eqx") as temporary:
         _write(temporary, checkpoint.metadata, checkpoint.state)
+        # Before the checkpoint has its name: a training that is over by its checkpoint has its last model as well.
+        with whole_file(folder / MODEL) as model:
+            _write(model, checkpoint.metadata, checkpoint.model.q_network)
     # Only now that it has its name: with the others gone and this one unfinished, nothing could go on.
     there = checkpoints(folder)
     before = [path for path in there if _rounds(path) < rounds]
     for path in there:
         if _rounds(path) > rounds or path in before[keep - 1 :]:
             path.unlink()
-    with whole_file(folder / MODEL) as temporary:
-        _write(temporary, checkpoint.metadata, checkpoint.model.q_network)
 
 
 def _write(path: Path, metadata: Metadata, tree: Any) -> None:
-    with path.open("wb") as file:
-        file.write(metadata.model_dump_json().encode() + b"\n")
-        eqx.tree_serialise_leaves(file, tree)
+    written = BytesIO()  # a full disk in the middle of an array would be no OSError to Equinox
+    written.write(metadata.model_dump_json().encode() + b"\n")
+    eqx.tree_serialise_leaves(written, tree)
+    path.write_bytes(written.getbuffer())
 
 
 def checkpoints(folder: Path) -> list[Path]:
