@@ -200,6 +200,20 @@ def test_a_full_disk(small, start, tmp_path) -> None:
     assert len(walks_of(out)) == 2
 
 
+def test_a_training_that_was_killed_before_its_result_has_what_it_took(small, tmp_path) -> None:
+    study, out = read_study(small(tmp_path)), tmp_path / "out"
+    *_, job = study.jobs
+    first = sweep(study, out)
+    for left in ({"result.json"}, {"result.json", "metrics.jsonl"}):
+        for name in left:
+            (out / job.name / name).unlink()
+        again = sweep(study, out)
+        assert walked(again) == walked(first)
+        took, before = (found.results[job.name]["took"] for found in (again, first))
+        assert took.keys() == before.keys()
+        assert (took == before) is (len(left) == 1)  # without metrics it is trained anew
+
+
 def test_against_must_have_walked(small, tmp_path) -> None:
     study = read_study(small(tmp_path))
     check_baseline(study, "darp")

@@ -6,6 +6,7 @@ from typing import Any
 
 from sidestep.agent.checkpoint import CheckpointError, Model, load_model, read_metadata
 from sidestep.agent.config import TrainConfig, differences
+from sidestep.agent.metrics import read_metrics
 from sidestep.agent.runs import train
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
@@ -20,9 +21,9 @@ LOCK = "sweep.lock"
 JOB = "job.json"
 RESULT = "result.json"
 """Written last: its job is done."""
-TOOK = ("seconds", "steps_per_second", "updates_per_second", "best_minutes")
 Result = dict[str, Any]
-"""``records`` of walks by planner (:meth:`~sidestep.evaluation.metrics.Record.to_json`); what the training ``took``."""
+"""``records`` of walks by planner (:meth:`~sidestep.evaluation.metrics.Record.to_json`); what the training ``took``:
+``rounds``, ``seconds`` and rates, as its metrics have them, and ``best_minutes``."""
 
 
 def check_job(job: Job, out: Path) -> bool:
@@ -91,7 +92,8 @@ def run_job(job: Job, out: Path) -> Result:
         factories = choose_planners(job.scenario, job.planners).factories
         factories = {name: factory for name, factory in factories.items() if name not in result["records"]}
     else:
-        model, result["took"] = _trained(job, job.agent.config, folder)
+        model = _trained(job, job.agent.config, folder)
+        result["took"] = _took(model, folder)
         darp = trained_darp(model)
         factories[AGENT] = lambda *_: darp
     compared = compare(job.scenario, factories, maps=job.walked, walks=job.walks, seed=job.seed)
@@ -100,14 +102,14 @@ def run_job(job: Job, out: Path) -> Result:
     return result
 
 
-def _trained(job: Job, config: TrainConfig, folder: Path) -> tuple[Model, dict[str, Any]]:
-    """The trained agent, from where it was left, and what the training took since then."""
+def _trained(job: Job, config: TrainConfig, folder: Path) -> Model:
+    """The trained agent, from where it was left."""
     try:
-        begun = read_metadata(folder)
+        begun = read_metadata(folder) if read_metrics(folder) else None
     except CheckpointError:  # nothing there, or nothing of use
         begun = None
     if begun is not None and begun.finished:
-        return load_model(folder), {"rounds": len(begun.curve)}
+        return load_model(folder)
     run = train(
         job.scenario,
         config,
@@ -117,8 +119,19 @@ def _trained(job: Job, config: TrainConfig, folder: Path) -> tuple[Model, dict[s
         resume=begun is not None,
         overwrite=begun is None,
     )
-    numbers = run.to_json()
-    return run.model, {"rounds": len(run.metadata.curve)} | {name: numbers[name] for name in TOOK}
+    return run.model
+
+
+def _took(model: Model, folder: Path) -> dict[str, Any]:
+    """What a training took, also if it was over in a process that was killed before it wrote a result."""
+    latest = read_metrics(folder)[-1]
+    return {
+        "rounds": len(model.metadata.curve),
+        "seconds": latest.seconds,
+        "steps_per_second": latest.steps_per_second,
+        "updates_per_second": latest.updates_per_second,
+        "best_minutes": min(model.metadata.means),
+    }
 
 
 def _read(path: Path) -> Any:
