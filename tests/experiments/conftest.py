@@ -45,11 +45,15 @@ def start(tmp_path) -> Iterator[Callable[..., subprocess.Popen]]:
         environ = {**os.environ, "COLUMNS": "200", **more}
         command = [sys.executable, *program, *map(str, args)]
         pipe = subprocess.PIPE
-        begun.append(
-            subprocess.Popen(
-                command, env=environ, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
+        try:
+            begun.append(
+                subprocess.Popen(
+                    command, env=environ, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+                )
             )
-        )
+        finally:
+            signal.signal(signal.SIGINT, before)
         return begun[-1]
 
     yield run
