@@ -43,7 +43,8 @@ def straight(env: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> S
     @cache
     def of(*args: str) -> Path:
         folder = tmp_path_factory.mktemp("straight") / "m"
-        done = trained(env, [*args], folder)
+        # The first checkpoint as well, however many a slow computer saves after it.
+        done = trained(env, [*args, "--keep-checkpoints", "1000"], folder)
         assert done.returncode == 0, done.stderr
         return folder
 

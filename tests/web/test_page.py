@@ -618,7 +618,7 @@ def test_another_town_at_the_same_address_is_shown(opened, serve, small, tmp_pat
     one, other = small("one", 2), small("other", 3)
     names = "() => sidestep.map.getSource('names').serialize().data.features.map(({ properties }) => properties.name)"
     with serve(one, tmp_path) as running:
-        view = opened(server=running, allowed=("ERR_",)).open(
+        view = opened(server=running, allowed=("ERR_", "503")).open(
             "#from=0.0002,0&to=0.0016,0&at=Sat-17:30&by=18:30&planners=expected"
         )
         view.until(lambda: set(view.get(names)) == {"one 0", "one 1"})
