@@ -38,6 +38,7 @@ def walkers(case, number):
 
     from sidestep.agent.presets import preset
     from sidestep.agent.train import _iterate, prepare, uniform_draws
+    from sidestep.programs import program
     from sidestep.scenarios.builtin import scenario
     from sidestep.scenarios.maps import draw_map
 
@@ -49,7 +50,11 @@ def walkers(case, number):
     config = config.changed(walkers=number, round_steps=number * iterations, capacity=capacity)
     began = perf_counter()
     where, _, state = prepare(config, problem, draw_map(problem, 0), uniform_draws(config, [0], 0, start=True))
-    run = jax.jit(lambda where, *carry: jax.lax.scan(partial(_iterate, config, where), *carry), donate_argnums=1)
+
+    @program(donate=("state",))
+    def run(where, state, draws):
+        return jax.lax.scan(partial(_iterate, config, where), state, draws)
+
     state, _ = jax.block_until_ready(run(where, state, uniform_draws(config, [0], 0)))
     first, drawing, took = perf_counter() - began, [], []
     for turn in range(1, TURNS + 1):

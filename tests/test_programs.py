@@ -46,6 +46,10 @@ def multiplied_by_two(x):
     return 2 * x
 
 
+def squared(x):
+    return x @ x
+
+
 def tagged(x):
     return Tagged(x, jax.tree.structure(pair()))  # of a class: after a file, another
 
@@ -284,3 +288,11 @@ def test_settings_of_jax_make_other_programs():
     with jax.default_matmul_precision("highest"):
         made(jnp.float32(3))
     assert programs.counts["compiled", "multiplied_by_two"] == 2
+
+
+def test_matrices_are_multiplied_in_full_unless_jax_is_told():
+    square = jnp.eye(2)
+    traced = [str(jax.make_jaxpr(program()(squared))(square))]
+    with jax.default_matmul_precision("tensorfloat32"):
+        traced.append(str(jax.make_jaxpr(program()(squared))(square)))
+    assert ["HIGHEST" in each for each in traced] == [True, False]

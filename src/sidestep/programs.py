@@ -11,7 +11,7 @@ import secrets
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable
-from functools import partial, update_wrapper
+from functools import partial, update_wrapper, wraps
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 from weakref import WeakSet
@@ -64,6 +64,7 @@ class Program(Generic[P, Made]):
         files: Callable[..., tuple[str, ...]] = lambda **_: (),
     ) -> None:
         update_wrapper(self, function)
+        function = _in_full(function)
         self._function, self._static, self._donate = function, static, donate
         self._name = function.__qualname__
         self._quick, self._files = quick, files
@@ -272,6 +273,18 @@ class _Variant:
         if self._file is not None:
             kept_programs.write(self._file, compiled, self._made)
         return compiled
+
+
+def _in_full(function: Callable[P, Made]) -> Callable[P, Made]:
+    """Multiply matrices with all digits of their numbers, of which GPUs take three unless JAX has been told."""
+
+    @wraps(function)
+    def traced(*args: P.args, **kwargs: P.kwargs) -> Made:
+        told = jax.config.jax_default_matmul_precision  # type: ignore[attr-defined]
+        with jax.default_matmul_precision(told or "highest"):
+            return function(*args, **kwargs)
+
+    return traced
 
 
 def _compiled(lowered: Any, options: dict[str, Any]) -> Callable[..., list[Any]]:
