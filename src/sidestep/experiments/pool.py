@@ -44,6 +44,8 @@ def one_thread() -> None:
 def start_worker() -> None:
     """Set this process up for jobs."""
     one_thread()
+    # On a GPU the first worker would take most of the memory for itself.
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     keep_compiled()
     configure(SMALLEST)
 
