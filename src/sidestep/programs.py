@@ -6,6 +6,7 @@ the processor, flags, static arguments, and the shapes of the others.
 """
 
 import inspect
+import math
 import re
 import secrets
 import threading
@@ -18,6 +19,7 @@ from weakref import WeakSet
 
 import jax
 import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from numpy.typing import ArrayLike
 
 from sidestep import kept_programs
@@ -25,6 +27,7 @@ from sidestep.files import stamps
 
 P = ParamSpec("P")
 Made = TypeVar("Made")
+Tree = TypeVar("Tree")
 
 QUICK = {
     "xla_cpu_use_fusion_emitters": False,
@@ -35,6 +38,8 @@ QUICK = {
 _IN_MEMORY = 128  # programs for each function
 _KNOWN = {"builtins", "collections", "sidestep", "jax", "jaxlib", "numpy", "equinox", "optax"}
 """Packages whose code does not change, or is part of the names of files."""
+_WALKERS = "walkers"
+"""The axis of devices, as JAX calls it."""
 _UNSURE = re.compile(r"(?<!key)<|\.\.\.")  # in texts of what has no literal, or that leave something out
 _SETTINGS = (
     "jax_enable_x64", "jax_default_matmul_precision", "jax_default_prng_impl", "jax_threefry_partitionable",
@@ -62,12 +67,14 @@ class Program(Generic[P, Made]):
         donate: tuple[str, ...] = (),
         quick: Callable[..., bool] = lambda **_: False,
         files: Callable[..., tuple[str, ...]] = lambda **_: (),
+        *,
+        spread: bool = False,
     ) -> None:
         update_wrapper(self, function)
         function = _in_full(function)
         self._function, self._static, self._donate = function, static, donate
         self._name = function.__qualname__
-        self._quick, self._files = quick, files
+        self._quick, self._files, self._spread = quick, files, spread
         self._signature = inspect.signature(function)
         self._jitted = jax.jit(function, static_argnames=static, donate_argnames=donate)
         self._variants: OrderedDict[Any, _Variant] = OrderedDict()
@@ -76,7 +83,7 @@ class Program(Generic[P, Made]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Made:
         static, tree, leaves = self._sorted(*args, **kwargs)
-        if jax.config.jax_disable_jit or any(map(_left_to_jax, leaves)):  # type: ignore[attr-defined]
+        if jax.config.jax_disable_jit or _left_to_jax(leaves, self._devices()):  # type: ignore[attr-defined]
             return self._jitted(*args, **kwargs)
         return self._variant(static, tree, leaves).run(leaves)
 
@@ -97,6 +104,10 @@ class Program(Generic[P, Made]):
     def prepare(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Load or compile what a call needs; arguments may be shapes and types."""
         self._variant(*self._sorted(*args, **kwargs)).executable()
+
+    def _devices(self) -> list[jax.Device]:
+        """Where it runs."""
+        return _devices() if self._spread else [_default_device()]
 
     def _sorted(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Any], Any, list[Any]]:
         """Static arguments by name, and the tree and leaves of the others."""
@@ -119,13 +130,14 @@ class Program(Generic[P, Made]):
                 if len(self._variants) == _IN_MEMORY:
                     self._variants.popitem(last=False)
                 options = QUICK if self._quick(**static) and jax.default_backend() == "cpu" else {}
-                told = repr((static, tree, types, self._donate, read, settings, options))
+                devices = self._devices()
+                told = repr((static, tree, types, self._donate, read, settings, options, len(devices)))
                 # Of other packages the source is not known.
                 known = _is_known((self._function, static)) and _are_known(tree) and not _UNSURE.search(told)
                 file = kept_programs.file_of(f"{self.__module__} {self._name} {told}") if known else None
                 donated = _places(tree, self._donate)
                 function = partial(self._function, **static)
-                found = _Variant(self._name, function, tree, types, donated, options, file)
+                found = _Variant(self._name, function, tree, types, donated, options, file, devices)
                 self._variants[key] = found
             self._variants.move_to_end(key)
         return found
@@ -147,6 +159,7 @@ def program(
     donate: tuple[str, ...] = (),
     quick: Callable[..., bool] = lambda **_: False,
     files: Callable[..., tuple[str, ...]] = lambda **_: (),
+    spread: bool = False,
 ) -> Callable[[Callable[P, Made]], Program[P, Made]]:
     """Make a :class:`Program` of a function.
 
@@ -162,13 +175,16 @@ def program(
         Then it is compiled in two thirds of that time, on a CPU; long loops of small steps it may make slower.
     files
         Picks the names of files that the function reads out of the static arguments, as well by name.
+    spread
+        Run it on all devices at once. What they divide among themselves says :func:`over_devices`; the rest they all
+        do, and all have the arguments and what the program makes. On one device nothing changes.
 
     Returns
     -------
     Callable
         A decorator of the function.
     """
-    return lambda function: Program(function, static, donate, quick, files)
+    return lambda function: Program(function, static, donate, quick, files, spread=spread)
 
 
 class _Variant:
@@ -183,9 +199,11 @@ class _Variant:
         donated: tuple[int, ...],
         options: dict[str, Any],
         file: Path | None,
+        devices: list[jax.Device],
     ) -> None:
         self._name, self._function, self._tree, self._types, self._donated = name, function, tree, types, donated
-        self._options, self._file = options, file
+        self._options, self._file, self._devices = options, file, devices
+        self._sharding = NamedSharding(_mesh(devices), _spec()) if len(devices) > 1 else None
         self._lock = threading.RLock()
         self._traced: Any = None
         self._lowered: Any = None
@@ -197,6 +215,8 @@ class _Variant:
     def run(self, leaves: list[Any]) -> Any:
         """Call it."""
         executable = self._executable or self.executable()
+        if self._sharding is not None:
+            leaves = jax.device_put(leaves, self._sharding)
         return jax.tree.unflatten(self._made_tree, executable(*leaves))
 
     def made(self) -> Any:
@@ -239,7 +259,7 @@ class _Variant:
             jax.tree.structure([0] * self._made_tree.num_leaves),
         )
         try:
-            loaded = serialize_executable.deserialize_and_load(self._kept, *trees)
+            loaded = serialize_executable.deserialize_and_load(self._kept, *trees, execution_devices=self._devices)
         except Exception:  # noqa: BLE001 - whatever a damaged file may bring about: it is compiled anew
             return None
         self._kept = None  # a megabyte
@@ -255,7 +275,10 @@ class _Variant:
         # JAX's own cache must not take it for an older one of the same operations.
         flat.__name__ = self._name + (suffix or ("" if self._file is None else f"_{self._file.name[:8]}"))
         shapes = [_shape(*each) for each in self._types]
-        self._traced = jax.jit(flat, donate_argnums=self._donated).trace(*shapes)
+        placed: dict[str, Any] = {}
+        if self._sharding is not None:
+            placed = {"in_shardings": self._sharding, "out_shardings": self._sharding}
+        self._traced = jax.jit(flat, donate_argnums=self._donated, **placed).trace(*shapes)
         info = [_shape(each.shape, each.dtype) for each in self._traced.out_info]
         self._made = jax.tree.unflatten(self._made_tree, info)
 
@@ -301,15 +324,71 @@ def _compiled(lowered: Any, options: dict[str, Any]) -> Callable[..., list[Any]]
             return compiled
 
 
-def _left_to_jax(leaf: Any) -> bool:
-    """Whether an argument is being traced, or lies elsewhere than on the device that programs are compiled for."""
-    if isinstance(leaf, jax.core.Tracer):
+def _left_to_jax(leaves: list[Any], devices: list[jax.Device]) -> bool:
+    """Whether an argument is being traced, or lies elsewhere than on the devices that a program is compiled for."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
         return True
-    return jax.device_count() > 1 and isinstance(leaf, jax.Array) and leaf.devices() != {_default_device()}
+    if jax.device_count() == 1:
+        return False
+    return any(isinstance(leaf, jax.Array) and not leaf.devices() <= {*devices} for leaf in leaves)
 
 
-def _default_device() -> Any:
-    return jax.config.jax_default_device or jax.devices()[0]  # type: ignore[attr-defined]
+def _default_device() -> jax.Device:
+    told = jax.config.jax_default_device  # type: ignore[attr-defined]
+    return jax.devices(told)[0] if told is None or isinstance(told, str) else told
+
+
+def _devices() -> list[jax.Device]:
+    """All devices of this process, or the one that JAX has been told to use."""
+    told = jax.config.jax_default_device  # type: ignore[attr-defined]
+    return jax.local_devices() if told is None else [_default_device()]
+
+
+def _mesh(devices: list[jax.Device], parts: int = 1) -> Mesh:
+    """Devices in rows, each of which does a part; those in a row all do the same."""
+    return Mesh(np.array(devices).reshape(parts, -1), (_WALKERS, "copies"))
+
+
+def over_devices(
+    function: Callable[..., Made], walkers: int, in_axes: tuple[int, ...], out_axes: int | tuple[int, ...] = 0
+) -> Callable[..., Made]:
+    """Divide walkers among devices, in a program that is spread over these: each takes the steps of its own.
+
+    Parameters
+    ----------
+    function
+        Of arrays of any number of walkers, who know nothing of each other.
+    walkers
+        How many there are. They become as many equal parts as the greatest number that divides both this number and
+        that of devices.
+    in_axes, out_axes
+        The axis of walkers in each argument, and in each array that the function makes.
+
+    Returns
+    -------
+    Callable
+        The same function of all walkers.
+    """
+    devices = _devices()
+    if (parts := math.gcd(walkers, len(devices))) == 1:
+        return function
+    into, out = (jax.tree.map(lambda axis: _spec(*[None] * axis, _WALKERS), axes) for axes in (in_axes, out_axes))
+    # A check of what is the same on all devices would have to be told so in every loop.
+    divided: Callable[..., Made] = jax.shard_map(
+        function, mesh=_mesh(devices, parts), in_specs=into, out_specs=out, check_vma=False
+    )
+    return divided
+
+
+def on_every_device(tree: Tree) -> Tree:
+    """Gather what has been divided among devices: what follows is then computed as on one."""
+    if len(devices := _devices()) == 1:
+        return tree
+    return jax.lax.with_sharding_constraint(tree, NamedSharding(_mesh(devices), _spec()))  # type: ignore[no-untyped-call]
+
+
+def _spec(*axes: str | None) -> PartitionSpec:
+    return PartitionSpec(*axes)  # type: ignore[no-untyped-call]
 
 
 def _is_known(value: Any) -> bool:

@@ -16,6 +16,7 @@ from sidestep.agent.td import mask
 from sidestep.environment.dynamics import random_exit, reset, step
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvState, Observation
+from sidestep.programs import over_devices
 from sidestep.scenarios.episodes import DRAWS
 
 ACTING_DRAWS = 2 + DRAWS
@@ -123,10 +124,25 @@ def act(
         latest = Transition(seen, action, outcome.reward, discount, outcome.observation)
         return state, observe(params, state), latest, over
 
-    state, observation, latest, over = jax.vmap(one)(walkers.state, walkers.observation, draws)
+    steps = over_devices(jax.vmap(one), config.walkers, in_axes=(0, 0, 0))
+    state, observation, latest, over = steps(walkers.state, walkers.observation, draws)
     if config.n_step == 1:
         return replace(walkers, state=state, observation=observation), latest
-    pending, going = walkers.pending, walkers.open
+    # Until the oldest place has been filled, steps are handed on as they come.
+    filled = iteration >= config.n_step - 1
+    returns = over_devices(partial(_returns, filled), config.walkers, in_axes=(1, 1, 0, 0), out_axes=(1, 1, 0))
+    pending, still, complete = returns(walkers.pending, walkers.open, latest, over)
+    return Walkers(state, observation, pending, still), complete
+
+
+def _returns(
+    filled: Bool[Array, ""],
+    pending: Transition,
+    going: Bool[Array, "pending walker"],
+    latest: Transition,
+    over: Bool[Array, " walker"],
+) -> tuple[Transition, Bool[Array, "pending walker"], Transition]:
+    """Add the latest steps to the returns that are not complete, of which the oldest then is."""
     # Steps that the walk goes on from have one more step in their return.
     grown = replace(
         pending,
@@ -134,12 +150,9 @@ def act(
         discount_t=jnp.where(going, pending.discount_t * latest.discount_t, pending.discount_t),
         observation_t=jax.tree.map(partial(_where, going), latest.observation_t, pending.observation_t),
     )
-    # Until the oldest place has been filled, steps are handed on as they come.
-    filled = iteration >= config.n_step - 1
     complete = jax.tree.map(lambda old, new: jnp.where(filled, old[0], new), grown, latest)
     pending = jax.tree.map(lambda old, new: jnp.concatenate([old[1:], new[None]]), grown, latest)
-    still = jnp.concatenate([(going & ~over)[1:], ~over[None]])
-    return Walkers(state, observation, pending, still), complete
+    return pending, jnp.concatenate([(going & ~over)[1:], ~over[None]]), complete
 
 
 def by_value(policy: Policy, temperature: float, seen: Observation, uniform: Float[Array, ""]) -> Int[Array, ""]:

@@ -20,7 +20,7 @@ from sidestep.agent.q_networks import QNetwork, untrained
 from sidestep.agent.replay import Replay, add, empty_replay
 from sidestep.environment.rollout import walk
 from sidestep.environment.types import EnvParams, Instance
-from sidestep.programs import program
+from sidestep.programs import on_every_device, over_devices, program
 from sidestep.scenarios.episodes import DRAWS, InstanceSampler
 from sidestep.scenarios.maps import PURPOSES, ScenarioMap, purpose_key
 from sidestep.scenarios.model import Scenario
@@ -107,7 +107,7 @@ def _brief(config: TrainConfig, **_: object) -> bool:
     return config.level == "position" and config.walkers > 1
 
 
-@program("config", "scenario", quick=_brief, files=lambda scenario, **_: scenario.place.files)
+@program("config", "scenario", quick=_brief, files=lambda scenario, **_: scenario.place.files, spread=True)
 def prepare(
     config: TrainConfig, scenario: Scenario, scenario_map: ScenarioMap, draws: Float[Array | np.ndarray, "walker draw"]
 ) -> tuple[Problem, InstanceSampler, TrainState]:
@@ -154,7 +154,7 @@ def uniform_draws(
     return rng.random(shape, np.float32)
 
 
-@program("config", donate=("state",), quick=_brief)
+@program("config", donate=("state",), quick=_brief, spread=True)
 def train_round(
     config: TrainConfig, problem: Problem, state: TrainState, draws: Float[Array | np.ndarray, "iteration draw"]
 ) -> tuple[TrainState, RoundReport]:
@@ -186,7 +186,8 @@ def train_round(
     q_network = _mean(config, state) if config.keep == "mean" else state.learner.q_network
     policy = deployed(config, problem.evaluated(config, q_network), problem.params.reward.unit_seconds)
     unused = jax.random.key(0)  # nothing is random in what has been learned
-    tested = jax.vmap(lambda test: walk(problem.params, policy, test, unused))(problem.tests)
+    tests = jax.vmap(lambda test: walk(problem.params, policy, test, unused))
+    tested = on_every_device(over_devices(tests, config.test_walks, in_axes=(0,))(problem.tests))
     minutes = tested.cost / 60
     mean = jnp.mean(minutes)
     best_minutes = jnp.minimum(mean, state.best_minutes)
@@ -207,10 +208,12 @@ def _iterate(
     config: TrainConfig, problem: Problem, state: TrainState, draws: Float[Array, " draw"]
 ) -> tuple[TrainState, BatchReport]:
     """One step of every walker and one gradient step."""
-    for_walkers, for_batch = draws[: -config.batch].reshape(config.walkers, -1), draws[-config.batch :]
+    # All devices learn the same from the whole batch: were it divided, gradients would add up in another order.
+    for_walkers = draws[: -config.batch].reshape(config.walkers, -1)
+    for_batch = on_every_device(draws[-config.batch :])
     evaluated = partial(problem.evaluated, config)
     policy = Policy(evaluated(state.learner.q_network))
     walkers, transitions = act(config, problem, policy, state.walkers, state.iteration, for_walkers)
-    replay = add(state.replay, transitions, config.walkers)
+    replay = add(state.replay, on_every_device(transitions), config.walkers)
     learner, replay, report = learn(config, state.learner, replay, state.iteration, for_batch, evaluated)
     return TrainState(learner, replay, walkers, state.iteration + 1, state.kept, state.best_minutes), report

@@ -18,7 +18,7 @@ from sidestep.environment.dynamics import random_exit
 from sidestep.environment.rollout import Past, Walk, walk
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.errors import SidestepError
-from sidestep.programs import program
+from sidestep.programs import over_devices, program
 
 
 class Plan(eqx.Module):
@@ -199,7 +199,7 @@ class _Named:
         return getattr(sys.modules.get(self.module), self.name, None)
 
 
-@program("decide", "remember", "trace", "level", "alike")
+@program("decide", "remember", "trace", "level", "alike", spread=True)
 def _walk_all(
     decide: "DecideByPlan | _Named",
     remember: "RememberByPlan | _Named | None",
@@ -221,11 +221,12 @@ def _walk_all(
         remembers = None if keep is None else partial(keep, plan.shared, own)
         return walk(params, partial(choose, plan.shared, own), instance, key, trace, past, remembers)
 
-    keys = jax.random.split(key, instances.origin.shape[0])
+    walks = instances.origin.shape[0]
+    keys = jax.random.split(key, walks)
     if alike:  # one table for all walks, not a copy for each
         own = jax.tree.map(lambda leaf: leaf[0], plan.own)
-        return jax.vmap(one, in_axes=(None, 0, 0))(own, instances, keys)
-    return jax.vmap(one)(plan.own, instances, keys)
+        return over_devices(jax.vmap(partial(one, own)), walks, in_axes=(0, 0))(instances, keys)
+    return over_devices(jax.vmap(one), walks, in_axes=(0, 0, 0))(plan.own, instances, keys)
 
 
 def walk_plan(
