@@ -247,7 +247,7 @@ def unhurried() -> Iterator[None]:
     """Servers within this process look at their store once: what they do in threads draws random numbers, by which
     arguments are checked in tests, and Hypothesis takes those for its strategies'."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sidestep.server.app.WATCHING", 3600.0)
+        patch.setattr("sidestep.server.store.LOOKING", 3600.0)
         yield
 
 

@@ -1,4 +1,4 @@
-"""Servers of a town with sensors: events, a model, a full disk, and workers whose database goes and comes back."""
+"""Servers of a town with sensors: events, a model, a full disk, and several whose database goes and comes back."""
 
 import contextlib
 import itertools
@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,14 @@ from sidestep.cli.app import main
 routing._PING_INTERVAL, bus.MOST_LISTENERS = {HEARTBEAT}, {LISTENERS}
 main()
 """
+
+NOTICES = """
+from sidestep.server import store
+from sidestep.cli.app import main
+store.ASKING = 3600
+main()
+"""
+"""A program that asks PostgreSQL only when it has told something."""
 
 
 class Listener:
@@ -93,6 +102,25 @@ def set_clock(server: Server) -> None:
 def post(server: Server, count: float) -> httpx.Response:
     row = {"sensor": "long", "time": "2024-06-01T11:00:00", "count": count}
     return server.request("POST", "/counts", json=row)
+
+
+def post_twice(server: Server, count: float) -> None:
+    """Post a count that is new or corrected, and at the same time once more, as who got no answer in time would."""
+    with ThreadPoolExecutor() as threads:
+        answers = list(threads.map(lambda _: post(server, count).json(), range(2)))
+    assert sorted(each["unchanged"] for each in answers) == [0, 1]
+
+
+def check_without_store(server: Server, path: str) -> None:
+    """Routes go on by the crowds that were known; the rest is refused, by all processes."""
+    for _ in range(8):
+        answer = post(server, MANY)
+        assert (answer.status_code, answer.json()["field"]) == (503, "store")
+        assert server.request("GET", path).status_code == 503
+        route = server.request("GET", ROUTE).json()
+        assert streets({"route": route["routes"][0]}) == ["Gate", "Long Street", "Quay"]
+        assert server.request("GET", "/readyz").json()["field"] == "store"
+        assert server.request("GET", "/healthz").status_code == 200
 
 
 def ask(server: Server, method: str, path: str, **more: object) -> dict[str, Any]:
@@ -245,40 +273,36 @@ def test_a_full_disk(server) -> None:
     assert "Traceback" not in server.log.read_text()
 
 
-def test_workers_share_counts_and_walks(start, live_town: Path, database, listen) -> None:
-    """Also while their database is away, and when it is back."""
+def test_servers_share_counts_and_walks(start, live_town: Path, database, listen) -> None:
+    """The workers of one, and another on what might be another machine; also while their database is away."""
     server = start("--workers", "2", "--store", database.url, scenario=live_town)
     workers = workers_of(server)
+    servers = [server]
+    if database.kind == "postgresql":
+        servers.append(start("--store", database.url, scenario=live_town, program=("-c", NOTICES)))
     set_clock(server)
-    for _ in range(20):  # on connections of their own: each process reads the clock four times a second
-        while not httpx.get(f"{server.url}/clock").json()["simulated"]:
-            time.sleep(0.05)
+    for each in servers:
+        for _ in range(20):  # on connections of their own
+            until(lambda each=each: httpx.get(f"{each.url}/clock").json()["simulated"], PATIENCE)
     walk = begin(server)
     path = f"/walks/{walk['id']}"
-    listening: list[Listener] = []
+    listening = [listen(servers[-1], f"{path}/events")]
     while not all(connections(server, each) for each in workers):
         listening.append(listen(server, f"{path}/events"))
-    for count, way in ((MANY, "Back Road"), (USUAL, "Long Street")):
-        assert post(server, count).json()["accepted"] == 1
+    for count, way, poster in ((MANY, "Back Road", servers[0]), (USUAL, "Long Street", servers[-1])):
+        post_twice(poster, count)
         for each in listening:
             assert streets(each.next("plan")) == ["Gate", way, "Quay"]
     # Whichever takes it, a report is of the same walk, and the latest crowds.
     for metres in range(2, 20, 2):
         moment = datetime.fromisoformat(NOON) + timedelta(seconds=metres)
         position = {"location": at(metres, 0), "time": moment.isoformat()}
-        said = server.request("POST", f"{path}/position", json=position).json()
+        said = servers[metres // 2 % len(servers)].request("POST", f"{path}/position", json=position).json()
         assert said["route"]["distance"] == pytest.approx(300 - metres, abs=1)
         assert server.request("GET", path).json() == said
     database.go()
     try:
-        for _ in range(8):
-            answer = post(server, MANY)
-            assert (answer.status_code, answer.json()["field"]) == (503, "store")
-            assert server.request("GET", path).status_code == 503
-            route = server.request("GET", ROUTE).json()
-            assert streets({"route": route["routes"][0]}) == ["Gate", "Long Street", "Quay"]
-            assert server.request("GET", "/readyz").json()["field"] == "store"
-            assert server.request("GET", "/healthz").status_code == 200
+        check_without_store(server, path)
     finally:
         database.come_back()
     assert server.request("GET", "/readyz").json()["status"] == "ready"
@@ -286,7 +310,7 @@ def test_workers_share_counts_and_walks(start, live_town: Path, database, listen
     for each in listening:
         assert streets(each.next("plan"))[1] == "Back Road"
     begun = time.monotonic()
-    assert server.stop() == 0
+    assert [each.stop() for each in servers] == [0] * len(servers)
     assert time.monotonic() - begun < 5
     assert not any(Path(f"/proc/{each}").exists() for each in workers)
     for each in listening:

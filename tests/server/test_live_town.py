@@ -36,7 +36,7 @@ def client(live_town: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         warnings.simplefilter("ignore")  # that it is to be asked for by another name
         from fastapi.testclient import TestClient
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sidestep.server.app.WATCHING", 0.25)
+        patch.setattr("sidestep.server.store.LOOKING", 0.25)
         patch.setenv(KEY_VARIABLE, KEY)
         settings = Settings(
             scenario=str(live_town), store=str(tmp_path_factory.mktemp("live") / "store.db"), requests_per_second=1e6

@@ -2,6 +2,7 @@
 
 import json
 import os
+import queue
 import re
 import resource
 import sqlite3
@@ -23,6 +24,7 @@ from sidestep.server.store import LONGEST_WALK, Store, StoreError
 
 NOON = datetime.fromisoformat("2025-05-24T12:00Z")
 NOW = datetime.now(UTC)
+PATIENCE = 60  # s
 GOOD = LiveCount("Mannerheimintie 13 a, länsi", NOON, 900.0, 30.0, 10.5, 19.5)
 
 
@@ -158,6 +160,53 @@ def test_other_processes_see_what_changed(database) -> None:
     assert changed()
     here.clear_clock()
     assert changed()
+
+
+def test_who_watches_is_told(database) -> None:
+    """Of all that changes the version and of nothing else; by a file of what its own process stores."""
+    here, there, told = database.open(), database.open(), queue.SimpleQueue[str]()
+    here.watch(lambda: told.put("here"))
+    there.watch(lambda: told.put("there"))
+    notices = database.kind == "postgresql"
+    if notices:
+        assert {told.get(timeout=PATIENCE) for _ in range(2)} == {"here", "there"}  # what came before they listened
+    for number in range(10):
+        changes = [
+            lambda: here.set_clock(NOON, NOW, 60.0),
+            here.clear_clock,
+            lambda number=number: here.put_counts([minute(0, number)], NOW),
+        ]
+        changes[number % 3]()
+        here.put_counts([], NOW)
+        here.put_walk("w", {"at": number}, NOW + timedelta(minutes=1))
+        here.forget(NOW)
+        # Here it is told of its own doing, and of the notice.
+        assert sorted(told.get(timeout=PATIENCE) for _ in range(3 if notices else 1)) == (
+            ["here", "here", "there"] if notices else ["here"]
+        )
+    assert here.put_counts([minute(0, 8)], NOW) == ["unchanged"]
+    if notices:
+        with there._transaction(writes=True) as connection:
+            connection.exec_driver_sql("SELECT pg_notify('sidestep_changes', '')")
+        assert {told.get(timeout=PATIENCE) for _ in range(2)} == {"here", "there"}
+    assert told.empty()
+
+
+def test_notices_of_a_database_that_was_away(postgresql) -> None:
+    """What was stored meanwhile is told as soon as somebody listens again."""
+    here, told = Store(postgresql.new_database()), queue.SimpleQueue[None]()
+    here.watch(lambda: told.put(None))
+    told.get(timeout=PATIENCE)
+    postgresql.stop()
+    postgresql.start()
+    told.get(timeout=PATIENCE)
+    other = Store(str(here._engine.url.render_as_string(hide_password=False)))
+    other.put_counts([GOOD], NOW)
+    told.get(timeout=PATIENCE)
+    other.close()
+    here.close()
+    assert told.empty()
+    assert not [each for each in threading.enumerate() if each.name == "notices"]
 
 
 def test_the_clock(database) -> None:

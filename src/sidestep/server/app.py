@@ -39,13 +39,13 @@ from sidestep.server.settings import SETTINGS_VARIABLE, Settings
 from sidestep.server.store import StoreError
 from sidestep.server.town import ServedTown
 
-WATCHING = 0.25
-"""Seconds after which the store is asked again what other processes have stored."""
 PATHS = (osrm_paths, crowd_paths, count_paths, walk_paths, clock_paths, operation_paths, page_paths)
 SWITCHING = 0.0005
 """Seconds after which a thread lets others go on: quick answers come from one, those that take long from others."""
 COMPRESSED = 50_000
 """Bytes from which answers are compressed, such as all streets; routes have fewer."""
+LONGEST_PAUSE = 0.5
+"""Seconds at most between one time that crowds go on from new counts and the next, where there are some."""
 FORGETTING = 60.0
 """Seconds after which what is too old is deleted."""
 _CORS: dict[str, Any] = {
@@ -84,10 +84,9 @@ def make_app(settings: Settings | None = None, town: ServedTown | None = None) -
             app.state.failure = str(error)
             raise
         bus = app.state.bus = Bus()
-        app.state.news = asyncio.Event()
         _end_at_signals(bus)
         preparing = app.state.preparing = asyncio.create_task(_prepare(served))
-        keeping = asyncio.create_task(_keep_fresh(served, bus, app.state.news))
+        keeping = asyncio.create_task(_keep_fresh(served, bus))
         app.state.ready = True
         sys.setswitchinterval(SWITCHING)
         yield
@@ -159,10 +158,18 @@ async def _prepare(served: ServedTown) -> None:
         await asyncio.to_thread(step)
 
 
-async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None:
+async def _keep_fresh(served: ServedTown, bus: Bus) -> None:
     """Let crowds go on from the latest counts, also those that other processes store; forget what is too old."""
     forgotten, told = 0.0, served.clock.setting
+    loop, news = asyncio.get_running_loop(), asyncio.Event()
+
+    def tell() -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(news.set)
+
+    seconds = served.store.watch(tell)
     while True:
+        begun = time.monotonic()
         try:
             if await asyncio.to_thread(served.refresh):
                 bus.tell("crowds", served.counting.news)
@@ -178,6 +185,8 @@ async def _keep_fresh(served: ServedTown, bus: Bus, news: asyncio.Event) -> None
             _log.warning("counts cannot be used: %s", error)
         except Exception as error:  # noqa: BLE001 - the next turn may go well, and without turns counts change nothing
             _log.error("error while counts were taken up: %s", where(error))
+        # However often somebody posts, at least half of the time is left for routes.
+        await asyncio.sleep(min(time.monotonic() - begun, LONGEST_PAUSE))
         with suppress(TimeoutError):
-            await asyncio.wait_for(news.wait(), WATCHING)
+            await asyncio.wait_for(news.wait(), seconds)
         news.clear()

@@ -47,7 +47,6 @@ async def set_clock(request: Request) -> Response:
     writer(request)
     served, asked = town_of(request), await body_of(request, SimulatedTime)
     await asyncio.to_thread(served.clock.set, asked.now, asked.speed)
-    request.app.state.news.set()
     return JsonResponse(served.clock.facts)
 
 
@@ -57,5 +56,4 @@ async def reset_clock(request: Request) -> Response:
     writer(request)
     served = town_of(request)
     await asyncio.to_thread(served.clock.reset)
-    request.app.state.news.set()
     return JsonResponse(served.clock.facts)

@@ -26,7 +26,6 @@ async def post_counts(
     served, body = town_of(request), await request.body()
     kind = request.headers.get("content-type", "")
     said = await asyncio.to_thread(served.counting.take, body, kind, seconds)
-    request.app.state.news.set()
     return JsonResponse(said)
 
 

@@ -44,6 +44,7 @@ from sqlalchemy.exc import TimeoutError as NoConnectionError
 from sidestep.crowds.live import LiveCount
 from sidestep.errors import SidestepError
 from sidestep.files import OutputError, check_above, reason
+from sidestep.server.notices import Listener, give_notice
 
 Stored = Literal["new", "unchanged", "corrected"]
 Failure = Literal["unreachable", "full", "busy", "unusable"]
@@ -54,6 +55,11 @@ LONGEST_WALK = timedelta(hours=1)
 """A walk is kept for this long at most."""
 KEPT = timedelta(days=14)
 """How long counts are kept after they were received."""
+
+LOOKING = 0.25
+"""Seconds after which a file is looked at again: it tells nobody when others write to it."""
+ASKING = 1.0
+"""Seconds after which PostgreSQL is asked again, whose notices may be lost: with a connection, or in a pool of them."""
 
 _BUSY = 5.0  # seconds to wait for another writer, or for a connection
 _AT_ONCE = 400  # keys in one query; SQLite takes 999 values in all
@@ -141,6 +147,8 @@ class Store:
         self._engine = _postgresql(where) if self._file is None else self._file.engine()
         self._watching = Lock()
         self._seen, self._number = -1, 0
+        self._tell: Callable[[], object] = _nobody
+        self._listener: Listener | None = None
         named = where.render_as_string(hide_password=True)
         try:
             _prepare(self._engine)
@@ -191,6 +199,8 @@ class Store:
                 connection.execute(update(_counts).where(mine).values(changed), renamed)
             if fresh or other:
                 _count_change(connection)
+        if fresh or other:
+            self._tell()
         return done
 
     def counts_since(self, begins: datetime) -> list[LiveCount]:
@@ -217,6 +227,25 @@ class Store:
                 self._number = self._changes() + (self._file.replaced << 40)
                 self._seen = seen
             return self._number
+
+    def watch(self, tell: Callable[[], object]) -> float:
+        """Have something called as soon as :meth:`version` may have changed, by any process if the database tells that.
+
+        Parameters
+        ----------
+        tell
+            Is called in other threads, until the store is closed; also when nothing has changed.
+
+        Returns
+        -------
+        float
+            Seconds after which to look at the version although nothing was told.
+        """
+        self._tell = tell
+        if self._file is not None:
+            return LOOKING
+        self._listener = Listener(self._engine, tell)
+        return ASKING
 
     def put_walk(self, id: str, state: dict[str, Any], expires: datetime) -> None:  # noqa: A002 - that of a walk
         """Store a walk, or what has become of it.
@@ -322,19 +351,24 @@ class Store:
             _count_change(connection)  # first, so that no other process writes the row
             connection.execute(delete(_clock))
             connection.execute(insert(_clock).values(row))
+        self._tell()
 
     def clear_clock(self) -> None:
         """Go by the clock of the computer again."""
         with self._transaction(writes=True) as connection:
             _count_change(connection)
             connection.execute(delete(_clock))
+        self._tell()
 
     def ping(self) -> None:
         """Do nothing if the store can be read."""
         self._changes()
 
     def close(self) -> None:
-        """Give back the connections."""
+        """Give back the connections, and tell nobody any more."""
+        self._tell = _nobody
+        if self._listener is not None:
+            self._listener.close()
         self._engine.dispose()
         if self._file is not None:
             self._file.close()
@@ -529,6 +563,11 @@ def _prepare(engine: Engine) -> None:
 
 def _count_change(connection: Connection) -> None:
     connection.execute(update(_state).values(changes=_state.c.changes + 1))
+    give_notice(connection)
+
+
+def _nobody() -> None:
+    """Whom a store tells that nobody watches."""
 
 
 _Key = tuple[str, int]
