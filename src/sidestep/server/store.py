@@ -527,7 +527,8 @@ def _postgresql(where: URL) -> Engine:
     said = where.query.get("options", "")
     options = f"{said if isinstance(said, str) else ' '.join(said)} -c statement_timeout=10s -c lock_timeout={_BUSY:g}s"
     patience = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "tcp_user_timeout": 10_000}
-    arguments = {"application_name": "sidestep", **patience, "options": options.strip()}
+    # Prepared statements do not outlive a transaction in pools such as PgBouncer's.
+    arguments = {"application_name": "sidestep", "prepare_threshold": None, **patience, "options": options.strip()}
     try:
         made = create_engine(where, pool_pre_ping=True, pool_timeout=_BUSY, connect_args=arguments)
     except ImportError as error:
