@@ -302,6 +302,26 @@ def test_too_many_requests(client) -> None:
     assert asked.get("/route/v1/foot/0,0;1,1").headers["retry-after"] == "1"
 
 
+@pytest.mark.parametrize(
+    ("forwarded", "statuses"),
+    [
+        (["203.0.113.1", "203.0.113.2", "203.0.113.1"], [200, 200, 429]),
+        (["192.0.2.1, 203.0.113.1", "192.0.2.2, 203.0.113.1"], [200, 429]),  # clients may make up what comes first
+        (["203.0.113.1, 10.1.2.3", "203.0.113.2, 10.1.2.3"], [200, 200]),  # two proxies
+    ],
+)
+def test_proxies_say_whom_they_ask_for(client, forwarded: list[str], statuses: list[int]) -> None:
+    asked = client(requests_per_second=0.1, proxies=("testclient", "10.1.0.0/16"))
+    assert [asked.get("/healthz", headers={"x-forwarded-for": each}).status_code for each in forwarded] == statuses
+
+
+def test_strangers_do_not_say_whom_they_ask_for(client) -> None:
+    for proxies in ((), ("10.1.2.3",)):
+        asked = client(requests_per_second=0.1, proxies=proxies)
+        statuses = [asked.get("/healthz", headers={"x-forwarded-for": each}).status_code for each in ("10.1.2.3", "a")]
+        assert statuses == [200, 429]
+
+
 def test_headers_are_bounded(client) -> None:
     answer = client().get("/healthz", headers={"x-long": "x" * 70_000})
     assert answer.status_code == 431

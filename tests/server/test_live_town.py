@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from urllib.parse import urljoin
 
 import httpx
 import pytest
@@ -263,7 +264,10 @@ def test_the_clock_that_a_replay_sets(client: httpx.Client) -> None:
 def begun(client: httpx.Client, **more: Any) -> dict[str, Any]:
     answer = client.post("/walks", json={"origin": WEST, "destination": EAST, **more})
     assert answer.status_code == 201, answer.text
-    return answer.json()
+    said = answer.json()
+    behind = urljoin("https://walks.example/town/walks", answer.headers["location"])  # a proxy that has its own paths
+    assert behind == f"https://walks.example/town/walks/{said['id']}"
+    return said
 
 
 def walked(said: dict[str, Any]) -> list[str]:

@@ -5,6 +5,7 @@ import re
 import signal
 import sys
 from datetime import datetime
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -34,6 +35,7 @@ def serve(
     api_key_file: Path | None = None,
     cors: Annotated[list[str] | None, Parameter(negative=())] = None,
     name: Annotated[list[str] | None, Parameter(negative=())] = None,
+    proxy: Annotated[list[str] | None, Parameter(negative=())] = None,
     rate: float = 1000.0,
     workers: options.Whole = 1,
     logs: _Logs = "text",
@@ -54,6 +56,8 @@ def serve(
         Origin whose pages may ask, such as https://example.org. Repeatable.
     name
         Name by which browsers reach this server, besides localhost and addresses. Repeatable.
+    proxy
+        Address or network of a proxy whose header X-Forwarded-For is believed, such as 127.0.0.1. Repeatable.
     rate
         Most requests a second of one address.
     workers
@@ -69,7 +73,8 @@ def serve(
         Never of packages that may be missing.
     """
     options.check_least(workers=workers)
-    _check(host, port, rate, workers, cors or [], name or [])
+    _check(host, port, rate, workers)
+    _check_others(cors or [], name or [], proxy or [])
     options.start_jax()
     try:
         from sidestep.server.run import run
@@ -87,13 +92,14 @@ def serve(
         key_file=None if api_key_file is None else str(api_key_file),
         origins=tuple(cors or ()),
         hosts=tuple(name or ()),
+        proxies=tuple(proxy or ()),
         requests_per_second=rate,
         workers=workers,
     )
     run(settings, port, as_json=logs == "json", said=lambda line: print(line, file=sys.stderr, flush=True))
 
 
-def _check(host: str, port: int, rate: float, workers: int, cors: list[str], name: list[str]) -> None:
+def _check(host: str, port: int, rate: float, workers: int) -> None:
     """Refuse options that no server can have."""
     if workers > MOST_WORKERS:
         raise SidestepError(f"--workers must be {MOST_WORKERS} at most, not {workers}", field="workers")
@@ -103,6 +109,10 @@ def _check(host: str, port: int, rate: float, workers: int, cors: list[str], nam
         raise SidestepError("--host must be an address or a name, such as 127.0.0.1, not ''", field="host")
     if not 0 < rate < math.inf:
         raise SidestepError(f"--rate must be a positive number, not {rate}", field="rate")
+
+
+def _check_others(cors: list[str], name: list[str], proxy: list[str]) -> None:
+    """Refuse what names no other origin, no name of this server, or no proxy."""
     for each in cors:
         if not _ORIGIN.fullmatch(each):
             said = "--cors must be an origin, such as https://example.org, without a path"
@@ -111,6 +121,12 @@ def _check(host: str, port: int, rate: float, workers: int, cors: list[str], nam
         if not _HOST.fullmatch(each):
             said = "--name must be a name in lower case, such as walks.example.org, without a port"
             raise SidestepError(f"{said}, not {each!r:.80}", field="name")
+    for each in proxy:
+        try:
+            ip_network(each)
+        except ValueError as error:
+            said = "--proxy must be an address or a network, such as 127.0.0.1 or 10.1.0.0/16"
+            raise SidestepError(f"{said}, not {each!r:.80}", field="proxy") from error
 
 
 def replay(

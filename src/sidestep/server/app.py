@@ -20,6 +20,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import Response
 from starlette.routing import Match, Route
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from sidestep import __version__
 from sidestep.errors import SidestepError
@@ -117,6 +118,8 @@ def make_app(settings: Settings | None = None, town: ServedTown | None = None) -
         app.add_middleware(CORSMiddleware, **_CORS, allow_origins=chosen.origins)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED)
     app.add_middleware(Guard, settings=chosen)
+    if chosen.proxies:  # around the guard, which counts the requests of each client
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=list(chosen.proxies))
     return app
 
 

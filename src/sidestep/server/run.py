@@ -99,7 +99,7 @@ def _config(settings: Settings, app: FastAPI | str, *, as_json: bool) -> uvicorn
         timeout_keep_alive=math.ceil(IDLE),
         ws="none",
         lifespan="on",
-        proxy_headers=False,
+        proxy_headers=False,  # the app has its own
     )
 
 

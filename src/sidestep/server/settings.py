@@ -38,6 +38,8 @@ class Settings(BaseModel):
     """Origins whose pages may ask (CORS), such as ``https://example.org``."""
     hosts: tuple[str, ...] = ()
     """Names besides those of loopback by which browsers may address the server when they write."""
+    proxies: tuple[str, ...] = ()
+    """Addresses and networks of proxies, which say whom they ask for."""
     requests_per_second: Annotated[float, Field(gt=0)] = 1000.0
     """The most of one address, after twice as many at once."""
     workers: Annotated[int, Field(ge=1, le=64)] = 1

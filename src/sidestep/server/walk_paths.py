@@ -25,7 +25,8 @@ async def begin_walk(request: Request) -> Response:
     """Begin a walk; who knows its name may go on with it."""
     served, asked = town_of(request), await body_of(request, Begun)
     said = await served.heavily(lambda: under_way.begin(served, asked))
-    return JsonResponse(said, 201, {"location": f"/walks/{said['id']}"})
+    # Beside this address, wherever a proxy has it.
+    return JsonResponse(said, 201, {"location": f"walks/{said['id']}"})
 
 
 @router.get("/{walk_id}", responses=shapes.WALK)
