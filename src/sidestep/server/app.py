@@ -46,7 +46,7 @@ SWITCHING = 0.0005
 COMPRESSED = 50_000
 """Bytes from which answers are compressed, such as all streets; routes have fewer."""
 LONGEST_PAUSE = 0.5
-"""Seconds at most between one time that crowds go on from new counts and the next, where there are some."""
+"""Seconds at most that crowds rest after they went on from counts; otherwise as long as that took."""
 FORGETTING = 60.0
 """Seconds after which what is too old is deleted."""
 _CORS: dict[str, Any] = {
@@ -188,7 +188,7 @@ async def _keep_fresh(served: ServedTown, bus: Bus) -> None:
             _log.warning("counts cannot be used: %s", error)
         except Exception as error:  # noqa: BLE001 - the next turn may go well, and without turns counts change nothing
             _log.error("error while counts were taken up: %s", where(error))
-        # However often somebody posts, at least half of the time is left for routes.
+        # However often somebody posts, routes have their turn.
         await asyncio.sleep(min(time.monotonic() - begun, LONGEST_PAUSE))
         with suppress(TimeoutError):
             await asyncio.wait_for(news.wait(), seconds)
