@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Key
 
 from sidestep.crowds.base import Counts, FlowField, FlowModel, Hours, Index, Scalar
+from sidestep.crowds.normals import standard_normal
 from sidestep.errors import SidestepError
 from sidestep.programs import on_device
 
@@ -235,7 +236,7 @@ class ArimaFlow(FlowModel):
 
     def draw(self, key: Key[Array, ""], hours: Hours, slots: int) -> FlowField:
         shape = (hours.shape[0], self.initial.shape[0])
-        innovations = jax.random.normal(key, (slots - 1, *shape))
+        innovations = standard_normal(key, (slots - 1, *shape))
         return self._field(simulate(self.model, jnp.broadcast_to(self.initial, (1, *shape)), innovations))
 
     def ahead(self, now: Counts, _hour: Scalar, _slot: Index, slots: int) -> Float[Array, "slots counter"]:

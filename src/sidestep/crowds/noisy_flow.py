@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Key
 
 from sidestep.crowds.arima import stationary_ar1
 from sidestep.crowds.base import Counts, FlowField, FlowModel, Hours, Index, Scalar, Slots
+from sidestep.crowds.normals import standard_normal
 
 FEWEST = 1e-6  # persons; fewer count as nobody where logarithms are taken
 
@@ -50,7 +51,7 @@ class NoisyFlow(FlowModel):
 
     def noise(self, key: Key[Array, ""], futures: int, slots: int, segments: int) -> Volumes:
         """Noise for this many futures, slots and segments, in logarithms of the volume."""
-        innovations = jax.random.normal(key, (slots, futures, segments)) * self.sigma
+        innovations = standard_normal(key, (slots, futures, segments)) * self.sigma
         return stationary_ar1(self.phi, innovations[0], innovations[1:])
 
     def ahead(self, now: Counts, hour: Scalar, slot: Index, slots: int) -> Float[Array, "slots counter"]:

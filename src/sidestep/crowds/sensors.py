@@ -16,6 +16,7 @@ from sidestep.crowds.arima import stationary_ar1
 from sidestep.crowds.base import Counts, FlowModel, Hours, Index, Scalar, SensedField, Slots
 from sidestep.crowds.counts import LatestCounts
 from sidestep.crowds.interpolation import InterpolationWeights
+from sidestep.crowds.normals import standard_normal
 from sidestep.crowds.profile import HOURS_OF_WEEK, hour_of_week
 from sidestep.crowds.sensor_model import SensorModel
 from sidestep.programs import on_device, program
@@ -208,7 +209,7 @@ class SensorFlow(FlowModel):
         """The lasting part, and residuals in units of their standard deviations at ``knots`` middles of hours."""
         phi, current = self.model.phi, self.current
         steps = knots if current is None else knots + 1  # since the counts may be of the hour before the first one
-        innovations = jax.random.normal(key, (steps, *lasting.shape)) @ self.model.cholesky.T
+        innovations = standard_normal(key, (steps, *lasting.shape)) @ self.model.cholesky.T
         first = innovations[0]
         if current is not None:
             # Matheron's rule: what was drawn is corrected by as much of the miss as falls on each part.
