@@ -1,7 +1,6 @@
 """How long a segment takes to cross while the crowd on it changes, and how much of that crowd is met."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Literal
 
 import jax
@@ -203,13 +202,12 @@ def mean_crossing_times(
         Seconds, entered as each step begins. Crowds between counters change slowly: there, segments are taken at the
         speeds as they are entered.
     """
-    steps = jnp.arange(0, speeds.slots, every)
     if speeds.interpolated:
-        return _mean_between_counters(speeds, length, steps)
+        return _mean_between_counters(speeds, length, jnp.arange(0, speeds.slots, every))
 
     def of_segment(segment: Index) -> Float[Array, " step"]:
-        each = jax.vmap(partial(_times_from, speeds.slot_seconds, length[segment], rule, steps))
-        return jnp.mean(each(speeds.speed[:, segment], speeds.covered[:, segment]), axis=0)
+        speed, covered = speeds.speed[:, segment], speeds.covered[:, segment]
+        return jnp.mean(_times_from(speeds.slot_seconds, length[segment], rule, every, speed, covered), axis=0)
 
     return jax.lax.map(of_segment, jnp.arange(len(length)))
 
@@ -233,13 +231,31 @@ def _times_from(
     slot_seconds: float,
     length: Scalar,
     rule: CrossingRule,
-    steps: Int[Array, " step"],
-    speed: Float[Array, " slot"],
-    covered: Float[Array, " slot"],
-) -> Float[Array, " step"]:
-    """:func:`crossing_time` of one segment, entered as many slots begin."""
+    every: int,
+    speed: Float[Array, "future slot"],
+    covered: Float[Array, "future slot"],
+) -> Float[Array, "future step"]:
+    """:func:`crossing_time` of one segment in several futures, entered as each step of so many slots begins."""
+    # Few slots are spanned: to look at one after the other for all steps takes a third of searching each step's own.
+    slots = speed.shape[1]
     if rule == "entry":
-        return length / speed[steps]
-    end = covered[steps] + length
-    then = jnp.clip(jnp.searchsorted(covered, end, side="right") - 1, steps, len(speed) - 1)
-    return (then - steps) * slot_seconds + (end - covered[then]) / speed[then]
+        return length / speed[:, jnp.arange(0, slots, every)]
+    end = covered[:, ::every] + length
+    # The last slot lasts for ever: nobody reaches another.
+    speed_after, covered_after = (
+        jnp.concatenate([each, jnp.full_like(each, jnp.inf)], axis=1) for each in (speed, covered)
+    )
+
+    def later(each: Float[Array, "future slots"], by: Index) -> Float[Array, "future step"]:
+        return jax.lax.dynamic_slice_in_dim(each, by, slots, axis=1)[:, ::every]
+
+    def further(carry: tuple[Index, Bool[Array, ""], Array, Array, Array]) -> tuple[Index, Array, Array, Array, Array]:
+        by, _, spanned, at, before = carry
+        reached = later(covered_after, by) <= end
+        at = jnp.where(reached, later(speed_after, by), at)
+        before = jnp.where(reached, later(covered_after, by), before)
+        return by + 1, reached.any(), spanned + reached, at, before
+
+    start = (jnp.int32(1), jnp.bool_(True), jnp.zeros(end.shape, jnp.int32), speed[:, ::every], covered[:, ::every])
+    _, _, spanned, at, before = jax.lax.while_loop(lambda carry: carry[1], further, start)
+    return spanned * slot_seconds + (end - before) / at
