@@ -269,12 +269,16 @@ def _walk_map(
     if not chosen:
         raise PlannerError(f"no planner walks map {index}", field="maps")
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
+    # Below level map nobody knows what is expected, which takes the longest to work out.
+    samples = 0 if all(planner.level in ("position", "local") for planner in chosen.values()) else None
     collected: dict[str, list[Record]] = {name: [] for name in chosen}
     parts = math.ceil(walks / most_at_once(scenario, scenario_map, destinations))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
         nodes = nodes_of_part(scenario, scenario_map, size, destinations, part)
-        params = make_environment(scenario, scenario_map, "test", size, level=level, destinations=nodes, part=part)
+        params = make_environment(
+            scenario, scenario_map, "test", size, level=level, destinations=nodes, part=part, samples=samples
+        )
         todo = episodes.instances(scenario, scenario_map, params, size, first=part * size, destinations=nodes)
         key = purpose_key(scenario_map, "test")
         key = jax.random.fold_in(key, part) if part else key
