@@ -97,6 +97,7 @@ def test_a_worker_that_is_killed_loses_nothing(whole, small, start, tmp_path) ->
     stdout, stderr = process.communicate(timeout=120)
     assert (process.returncode, stderr) == (0, ""), stdout
     assert walks_of(tmp_path / "out") == walked(whole)
+    assert not list(tmp_path.glob("out/*/checkpoint*"))
 
 
 def test_a_sweep_that_is_killed_leaves_no_process_and_goes_on(whole, small, start, tmp_path) -> None:

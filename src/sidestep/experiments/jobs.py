@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sidestep.agent.checkpoint import CheckpointError, Model, load_model, read_metadata
+from sidestep.agent.checkpoint import CheckpointError, Model, checkpoints, load_model, read_metadata
 from sidestep.agent.config import TrainConfig, differences
 from sidestep.agent.metrics import read_metrics
 from sidestep.agent.runs import train
@@ -99,6 +99,8 @@ def run_job(job: Job, out: Path) -> Result:
     compared = compare(job.scenario, factories, maps=job.walked, walks=job.walks, seed=job.seed)
     result["records"] |= {name: record.to_json() for name, record in compared.records.items()}
     write_text(folder / RESULT, json.dumps(result) + "\n")
+    for path in checkpoints(folder):  # megabytes, and nothing goes on from them
+        path.unlink(missing_ok=True)
     return result
 
 
