@@ -405,10 +405,17 @@ def test_reproduce_writes_everything(sidestep, agreed_row, monkeypatch, tmp_path
     monkeypatch.setattr(paper, "QUICK", paper.Plan(maps=2, literal_maps=1, rounds=3, literal_rounds=1, walks=5))
     out = tmp_path / "r"
     table = tmp_path / "results.parquet"
-    done = sidestep("reproduce", "--quick", "--out", out, "--results-out", table, "--json")
+    command = ("reproduce", "--quick", "--out", out, "--results-out", table, "--workers", 1, "--json")
+    done = sidestep(*command)
     assert done.returncode == 0, done.stderr
     results = json.loads((out / "results.json").read_text())
     assert results == json.loads(done.stdout)
+    # Nothing that is done is done again, and nothing is mixed with it.
+    before = {job: job.stat().st_mtime_ns for job in out.glob("jobs/*/result.json")}
+    assert len(before) == 4 * (2 + 2 + 1)
+    assert json.loads(sidestep(*command).stdout) == results
+    assert {job: job.stat().st_mtime_ns for job in before} == before
+    assert "rule" in one_sentence(sidestep(*command, "--rule", "entry"))
     for key in ("unblocked", "congested", "unblocked_forecast", "congested_forecast"):
         rows = results[key]["planners"]
         assert set(rows) == {*paper.PLANNERS, "darp", "darp-paper"}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from sidestep.cli import options
 from sidestep.cli.compare import show_results
 from sidestep.cli.console import print_table, print_text, progress
+from sidestep.cli.sweep import sweeping
 from sidestep.errors import SidestepError
 
 if TYPE_CHECKING:
@@ -47,10 +48,11 @@ def reproduce(
     results_out: options.ResultsOut = None,
     seed: options.Seed = 0,
     rule: options.Rule = "integrated",
-    workers: options.Workers = None,
+    workers: options.Processes = None,
+    scheduler: options.Scheduler = None,
     as_json: options.Json = False,
 ) -> None:
-    """Reproduce the paper's figures and numbers, and judge its claims.
+    """Reproduce the paper's figures and numbers, and judge its claims; once stopped, the same command goes on.
 
     Parameters
     ----------
@@ -60,20 +62,16 @@ def reproduce(
         Run everything in small: 2 maps, 5 walks; too few maps to judge the claims.
     """
     options.check_least(seed=seed, maps=maps, workers=workers)
-    options.start_jax()
     from sidestep.experiments.paper import QUICK, Plan
     from sidestep.experiments.paper import reproduce as run
-    from sidestep.files import output_folder
 
     if results_out is not None:
         from sidestep.evaluation.tables import check_table_file
 
         check_table_file(results_out, "results_out")
-    output_folder(out)
-    plan = replace(QUICK, seed=seed) if quick else Plan(maps=maps, seed=seed)
-    threads, began = workers or options.processors(), perf_counter()
-    with progress("reproducing", plan.total, "maps") as advance:
-        results = run(plan, out, threads, lambda condition: advance(condition.replace("_", ", ")), rule)
+    plan, began = replace(QUICK, seed=seed) if quick else Plan(maps=maps, seed=seed), perf_counter()
+    with sweeping(workers, scheduler) as (processes, on_jobs):
+        results = run(plan, out, processes, on_jobs, rule, scheduler)
     if results_out is not None:
         from sidestep.evaluation.tables import results_table, save_tables
 

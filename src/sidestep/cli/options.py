@@ -42,6 +42,10 @@ Seed = Annotated[Whole, Parameter(help="Seed of maps, crowds and training.")]
 Json = Annotated[Flag, Parameter(name="--json", help="Print JSON instead of tables.")]
 Out = Annotated[Path, Parameter(help="Folder to write to; it is made if missing, but none above it.")]
 Workers = Annotated[Whole | None, Parameter(help="Maps to walk at a time; by default one for each processor.")]
+Processes = Annotated[Whole | None, Parameter(help="Processes on this machine; by default one for each processor.")]
+Scheduler = Annotated[
+    str | None, Parameter(help="Address of a Dask scheduler whose workers do the jobs, such as tcp://host:8786.")
+]
 ResultsOut = Annotated[
     Path | None, Parameter(help="File for the results as a table, .csv or .parquet: a row for each planner.")
 ]

@@ -25,10 +25,8 @@ def sweep(
     study: Annotated[Path, Parameter(help="File of the study: docs/sweeps.md.")],
     /,
     *,
-    workers: Annotated[
-        options.Whole | None, Parameter(help="Processes on this machine; by default one for each processor.")
-    ] = None,
-    scheduler: str | None = None,
+    workers: options.Processes = None,
+    scheduler: options.Scheduler = None,
     out: Path | None = None,
     against: str = "expected",
     walks_out: Path | None = None,
@@ -38,8 +36,6 @@ def sweep(
 
     Parameters
     ----------
-    scheduler
-        Address of a Dask scheduler whose workers do the jobs, such as tcp://host:8786.
     out
         Folder for models and results; by default one with the study's name.
     against
@@ -67,6 +63,34 @@ def sweep(
 
         check_apart(walks_out, [study], "walks_out")
         check_table_file(walks_out, "walks_out")
+    with sweeping(workers, scheduler) as (processes, on_jobs):
+        found = run(asked, folder, workers=processes, scheduler=scheduler, on_jobs=on_jobs)
+    results = found.to_json(against)
+    text = json.dumps(results, indent=2, ensure_ascii=False)
+    write_text(folder / "results.json", f"{text}\n")
+    if walks_out is not None:
+        save_tables(list(found.to_frames()), walks_out, "walks_out")
+    if as_json:
+        print(text)
+    else:
+        show_sweep(results)
+        print(f"Results: {folder / 'results.json'}")
+        if walks_out is not None:
+            print(f"Walks: {walks_out}")
+    return FAILED if found.failed else 0
+
+
+@contextmanager
+def sweeping(
+    workers: int | None, scheduler: str | None
+) -> "Iterator[tuple[int, Callable[[int], Callable[[Ended], None]]]]":
+    """Show how jobs go, until the last one or a signal.
+
+    Yields
+    ------
+    int, Callable
+        How many processes to start, and what a sweep calls with the number of its jobs.
+    """
     processes = workers or options.processors()
     ended: list[Ended] = []
     with (
@@ -85,20 +109,7 @@ def sweep(
             on_end()
             return on_end
 
-        found = run(asked, folder, workers=processes, scheduler=scheduler, on_jobs=on_jobs)
-    results = found.to_json(against)
-    text = json.dumps(results, indent=2, ensure_ascii=False)
-    write_text(folder / "results.json", f"{text}\n")
-    if walks_out is not None:
-        save_tables(list(found.to_frames()), walks_out, "walks_out")
-    if as_json:
-        print(text)
-    else:
-        show_sweep(results)
-        print(f"Results: {folder / 'results.json'}")
-        if walks_out is not None:
-            print(f"Walks: {walks_out}")
-    return FAILED if found.failed else 0
+        yield processes, on_jobs
 
 
 @contextmanager

@@ -51,25 +51,25 @@ Deviations from the paper, and what it leaves open:
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from sidestep import plotting
+from sidestep.agent.checkpoint import read_metadata
 from sidestep.agent.presets import PRESETS
-from sidestep.agent.runs import train
-from sidestep.evaluation.compare import Results, compare
+from sidestep.errors import SidestepError
+from sidestep.evaluation.compare import Comparison, Results
+from sidestep.evaluation.metrics import join_records
 from sidestep.experiments import report
-from sidestep.files import write_text
-from sidestep.planners.base import Planner
-from sidestep.planners.learned import Darp, trained_darp
-from sidestep.planners.registry import choose_planners
-from sidestep.scenarios.builtin import scenario
-from sidestep.scenarios.maps import ScenarioMap
-from sidestep.scenarios.model import Flows, Scenario
+from sidestep.experiments.pool import Ended
+from sidestep.experiments.study import Job, Study, make_study
+from sidestep.experiments.sweep import Swept, sweep
+from sidestep.files import output_folder, write_text
+from sidestep.planners.learned import Darp
+from sidestep.scenarios.model import Flows
 from sidestep.walking.crossing_time import CrossingRule
 
 CONDITIONS = {"unblocked": "paper-unblocked", "congested": "paper-congested"}
@@ -79,6 +79,12 @@ PLANNERS = ("random-walk", "random-progress", "shortest-path", "expected", "clai
 
 LITERAL = "darp-paper"
 """The row of the ``paper`` preset."""
+
+NAMES = {"darp-default": Darp.name, "darp-paper": LITERAL}
+"""What the agents are called here, by what a sweep's tables call them."""
+
+JOBS = "jobs"
+"""Folder of the trainings and walks, within that of the results."""
 
 LINES = ("clairvoyant", "expected", "shortest-path", "random-progress")
 """Planners that are level lines in the figures."""
@@ -105,10 +111,21 @@ class Plan:
 
     seed: int = 0
 
-    @property
-    def total(self) -> int:
-        """Number of maps over all conditions and kinds of flow."""
-        return self.maps * len(CONDITIONS) * len(FLOWS)
+    def study(self, rule: CrossingRule) -> Study:
+        """What is trained and walked; a :class:`StudyError` where that is more than a study may have."""
+        learners = (("default", self.rounds, self.maps), ("paper", self.literal_rounds, self.literal_maps))
+        grids = {
+            preset: {"presets": preset, "settings": {"rounds": rounds}, "maps": tuple(range(min(maps, self.maps)))}
+            for preset, rounds, maps in learners
+        }
+        common = {
+            "scenarios": tuple(CONDITIONS.values()),
+            "changes": {"flows": FLOWS, "rule": rule},
+            "seeds": self.seed,
+            "planners": PLANNERS,
+            "walks": self.walks,
+        }
+        return make_study("reproduction", {**common, "grids": grids})
 
 
 QUICK = Plan(maps=2, literal_maps=1, literal_rounds=5, walks=5)
@@ -134,20 +151,23 @@ class Reproduction:
 
 
 def reproduce(
-    plan: Plan, out: Path, workers: int, on_map: Callable[[str], None], rule: CrossingRule = "integrated"
+    plan: Plan,
+    out: Path,
+    workers: int,
+    on_jobs: Callable[[int], Callable[[Ended], None]],
+    rule: CrossingRule = "integrated",
+    scheduler: str | None = None,
 ) -> Reproduction:
-    """Run everything, and write ``results.json``, the figures and ``report.html``.
+    """Run everything that is not done yet, and write ``results.json``, the figures and ``report.html``.
 
     Parameters
     ----------
     plan
         How much to run.
     out
-        Folder to write to.
-    workers
-        Number of threads; each walks one map at a time.
-    on_map
-        Called with the condition as each map is done.
+        Folder to write to. What is trained and walked is in ``jobs`` there; once stopped, the same call goes on.
+    workers, on_jobs, scheduler
+        As for :func:`~sidestep.experiments.sweep.sweep`.
     rule
         How crossing times follow from densities.
 
@@ -155,13 +175,24 @@ def reproduce(
     -------
     Reproduction
         Everything that was written.
+
+    Raises
+    ------
+    SidestepError
+        A training or its walks failed, and all that a sweep refuses.
     """
+    study, folder = plan.study(rule), output_folder(out) / JOBS
+    swept = sweep(study, folder, workers=workers, scheduler=scheduler, on_jobs=on_jobs)
+    for job, error in swept.failed.items():
+        more = f" ({len(swept.failed)} jobs failed)" if len(swept.failed) > 1 else ""
+        raise SidestepError(f"{folder / job}: {error}{more}; the same command tries again")
     compared: dict[str, Results] = {}
     learned: dict[str, dict[str, plotting.Curve]] = {}
     for flows, (name, scenario_name) in product(FLOWS, CONDITIONS.items()):
         key = name if flows == "arima" else f"{name}_{flows}"
-        problem = scenario(scenario_name, flows=flows, rule=rule)
-        compared[key], learned[key] = _run(key, problem, plan, workers, on_map)
+        jobs = [job for job in study.jobs if (job.scenario.name, job.scenario.flows) == (scenario_name, flows)]
+        compared[key] = _joined(swept.comparisons[jobs[0].problem]).to_json()
+        learned[key] = _curves(jobs, swept, folder)
     pictures = {key: out / f"{key.replace('_', '-')}.png" for key in compared}
     for key, picture in pictures.items():
         _draw(key, compared[key], learned[key], picture)
@@ -176,37 +207,28 @@ def reproduce(
     return results
 
 
-def _run(
-    key: str, problem: Scenario, plan: Plan, workers: int, on_map: Callable[[str], None]
-) -> tuple[Results, dict[str, plotting.Curve]]:
-    """One condition with one kind of flow: its comparison, and the learning curves of both presets."""
-    learners = {
-        Darp.name: (PRESETS["default"].changed(rounds=plan.rounds), plan.maps),
-        LITERAL: (PRESETS["paper"].changed(rounds=plan.literal_rounds), plan.literal_maps),
+def _joined(comparisons: list[Comparison]) -> Comparison:
+    """One comparison of those on single maps."""
+    maps = tuple(number for each in comparisons for number in each.map_numbers)
+    records = {
+        NAMES.get(name, name): join_records(
+            [each.records[name] for each in comparisons if name in each.records], np.concatenate
+        )
+        for name in (*PLANNERS, *NAMES)
     }
-    minutes: dict[str, dict[int, np.ndarray]] = {name: {} for name in learners}
+    return replace(comparisons[0], map_numbers=maps, records=records)
 
-    def trained(name: str, _map: ScenarioMap, index: int) -> Planner | None:
-        config, maps = learners[name]
-        if index >= maps:
-            return None
-        darp = trained_darp(train(problem, config, seed=plan.seed, index=index).model)
-        minutes[name][index] = darp.curve.mean(axis=1)
-        return darp
 
-    compared = compare(
-        problem,
-        choose_planners(problem, PLANNERS).factories | {name: partial(trained, name) for name in learners},
-        maps=range(plan.maps),
-        walks=plan.walks,
-        seed=plan.seed,
-        workers=workers,
-        on_map=lambda _index, _records: on_map(key),
-    )
-    return compared.to_json(), {
-        name: plotting.Curve(np.stack([found[index] for index in sorted(found)]), learners[name][0].round_steps)
-        for name, found in minutes.items()
-    }
+def _curves(jobs: list[Job], swept: Swept, folder: Path) -> dict[str, plotting.Curve]:
+    """The learning curves of both presets, from the trainings of one condition."""
+    minutes: dict[str, list[np.ndarray]] = {name: [] for name in NAMES.values()}
+    round_steps = {}
+    for job in jobs:
+        if job.agent is not None:
+            name = NAMES[swept.labels[job.name]]
+            minutes[name].append(np.asarray(read_metadata(folder / job.name).curve).mean(axis=1))
+            round_steps[name] = job.agent.config.round_steps
+    return {name: plotting.Curve(np.stack(found), round_steps[name]) for name, found in minutes.items()}
 
 
 def _draw(key: str, compared: Results, curves: dict[str, plotting.Curve], path: Path) -> None:

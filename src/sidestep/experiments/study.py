@@ -197,20 +197,54 @@ def read_study(path: str | Path) -> Study:
     """
     path = Path(path)
     text, values = read_toml(path, "study", StudyError)
-    jobs: dict[str, Job] = {}
     try:
-        read = StudyFile.model_validate(values)
-        for name, table in read.grids.items() or [("", StudyTable())]:
-            for job in _Grid(read, name, table, path.parent).jobs():
-                _add(jobs, job)
+        return Study(path.stem, _jobs(values, path.parent))
     except (ValidationError, _Mistake) as error:
-        found = faults(error, StudyFile) if isinstance(error, ValidationError) else [error.fault]
-        refused = refusal(path, text, found, StudyError)
+        refused = refusal(path, text, _faults(error), StudyError)
         raise refused from error
+
+
+def make_study(name: str, values: Values) -> Study:
+    """Make a study of what its file would say.
+
+    Parameters
+    ----------
+    name
+        What it is called.
+    values
+        By the keys of docs/sweeps.md; tuples for lists.
+
+    Returns
+    -------
+    Study
+        Its jobs.
+
+    Raises
+    ------
+    StudyError
+        One sentence about the first mistake, with its field.
+    """
+    try:
+        return Study(name, _jobs(values, Path()))
+    except (ValidationError, _Mistake) as error:
+        first, *_ = _faults(error)
+        raise StudyError(first.sentence, field=".".join(first.path)) from error
+
+
+def _jobs(values: Values, folder: Path) -> tuple[Job, ...]:
+    """All jobs of a study, whose scenario files are looked for from a folder."""
+    read = StudyFile.model_validate(values)
+    jobs: dict[str, Job] = {}
+    for name, table in read.grids.items() or [("", StudyTable())]:
+        for job in _Grid(read, name, table, folder).jobs():
+            _add(jobs, job)
     # In the order of the file; within a problem, a worker that goes on with the same agent has compiled it already.
     problems = list(dict.fromkeys(job.problem for job in jobs.values()))
-    order = sorted(jobs.values(), key=lambda job: (problems.index(job.problem), job.agent is not None))
-    return Study(path.stem, tuple(order))
+    return tuple(sorted(jobs.values(), key=lambda job: (problems.index(job.problem), job.agent is not None)))
+
+
+def _faults(error: "ValidationError | _Mistake") -> list[Fault]:
+    return faults(error, StudyFile) if isinstance(error, ValidationError) else [error.fault]
 
 
 class _Mistake(Exception):  # noqa: N818 - it becomes a StudyError
