@@ -2,6 +2,7 @@
 
     python benchmarks/scale.py                                   10³, 10⁴ and 10⁵ crossings
     python benchmarks/scale.py --side 316 --part training --rounds 8
+    python benchmarks/scale.py --side 316 --part plans --planner forecast
 
 Towns are invented (`streets.py`). Their scenario is the one that `sidestep new` writes, with their streets and longer
 horizons: 160 paired sensors crowd a smaller part of larger towns. Every part runs in a process of its own, so that its
@@ -31,6 +32,7 @@ from sidestep.network.osm import import_osm
 from sidestep.planners.base import walk_plan
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import choose_planners, find_planner
+from sidestep.routing.router import Router
 from sidestep.scenarios.episodes import instances, random_destinations
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map
@@ -154,6 +156,24 @@ def training(folder, rounds, walks, destinations):
     }
 
 
+def plans(folder, planner, kilometres=2.0):
+    """Whole plans by one planner, as `route` and the server make them: twice the same, and one from elsewhere."""
+    began = perf_counter()
+    router = Router(folder / "scenario.toml")
+    found = {"planner": planner, "loaded_seconds": perf_counter() - began}
+    scenario_map = draw_map(router.scenario, 0)
+    crossings = random_destinations(scenario_map, 500, 0)[:, 0]
+    position = np.asarray(scenario_map.network.position)[crossings]
+    away = np.linalg.norm(position - position[0], axis=1)
+    first, other = crossings[np.argsort(np.abs(away - 1_000 * kilometres))[:2]].tolist()
+    for name, origin in (("first", first), ("again", first), ("elsewhere", other)):
+        began = perf_counter()
+        plan = router.plan(origin, int(crossings[0]), planner=planner)
+        minutes = plan.expected_minutes
+        found[name] = {"seconds": perf_counter() - began, "minutes": minutes, "peak_gib": peak_gib()}
+    return found
+
+
 PARTS = {"invent": invent, "import": importing, "load": loading, "routes": routes, "costs-to-go": costs_to_go}
 
 
@@ -167,6 +187,8 @@ def part_of(options):
     folder = Path(options.folder)
     if options.part == "training":
         return training(folder, options.rounds, options.walks, options.destinations)
+    if options.part == "plans":
+        return plans(folder, options.planner)
     if options.part == "invent":
         return invent(folder, options.side)
     return {"peak_gib": None} | PARTS[options.part](folder) | {"peak_gib": peak_gib()}
@@ -175,7 +197,8 @@ def part_of(options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--side", type=int, help="crossings along a side; by default 32, 100 and 316 in turn")
-    parser.add_argument("--part", choices=[*PARTS, "training"], help="by default all")
+    parser.add_argument("--part", choices=[*PARTS, "training", "plans"], help="by default all but plans")
+    parser.add_argument("--planner", default="forecast", help="of plans")
     parser.add_argument("--rounds", type=int, help="of training; by default the preset's")
     parser.add_argument("--walks", type=int, default=200, help="of the comparison after training")
     parser.add_argument("--destinations", type=int, help="that training learns; by default the preset's")
@@ -193,7 +216,7 @@ def main():
             parts = [*known, options.part] if options.part else [*PARTS, "training"]
             for part in dict.fromkeys(parts):
                 again = ["--here", "--part", part, "--side", str(side), "--folder", str(folder)]
-                for name in ("walks", "rounds", "destinations"):
+                for name in ("walks", "rounds", "destinations", "planner"):
                     again += [f"--{name}", str(getattr(options, name))] if getattr(options, name) else []
                 done = subprocess.run([sys.executable, __file__, *again], check=True, stdout=subprocess.PIPE, text=True)
                 if part != "invent":

@@ -16,7 +16,7 @@ import pytest
 from jaxtyping import Array, Float, Key
 
 from sidestep import kept_programs, programs
-from sidestep.programs import program
+from sidestep.programs import Kept, Program, program
 
 
 class Pair(eqx.Module):
@@ -296,3 +296,31 @@ def test_matrices_are_multiplied_in_full_unless_jax_is_told():
     with jax.default_matmul_precision("tensorfloat32"):
         traced.append(str(jax.make_jaxpr(program()(squared))(square)))
     assert ["HIGHEST" in each for each in traced] == [True, False]
+
+
+class Counted(Program):
+    """A program that counts its calls."""
+
+    calls = 0
+
+    def __call__(self, *args, **kwargs):
+        self.calls += 1
+        return super().__call__(*args, **kwargs)
+
+
+def test_results_are_kept_as_long_as_there_is_room():
+    source = Counted(lambda numbers, times: numbers * times, ("times",))
+    kept, one, two = Kept(source, 2 * 4 * 4), np.ones(4, np.float32), np.full(4, 2, np.float32)
+    first = kept(one, 3)
+    assert kept(one.copy(), 3) is first  # equal arguments, made anew
+    assert source.calls == 1
+    whole = one.view(np.int32)  # of the same bytes
+    for other in ((two, 3), (one, 2), (one.reshape(2, 2), 3), (whole, 3)):
+        kept(*other)
+    assert source.calls == 5
+    assert kept.bytes == 2 * 4 * 4
+    kept(one, 3)  # was asked for longest ago, and is gone
+    assert source.calls == 6
+    assert kept(whole, 3).tolist() == (3 * whole).tolist()
+    assert source.calls == 6
+    assert Kept(source, 15)(one, 3).tolist() == [3, 3, 3, 3]  # more than there is room for

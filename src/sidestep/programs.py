@@ -5,6 +5,7 @@ what it was compiled to. Here the name of a file says all that a program depends
 the processor, flags, static arguments, and the shapes of the others.
 """
 
+import hashlib
 import inspect
 import math
 import re
@@ -109,6 +110,14 @@ class Program(Generic[P, Made]):
         """Where it runs."""
         return _devices() if self._spread else [_default_device()]
 
+    def told_apart(self, *args: P.args, **kwargs: P.kwargs) -> tuple[Any, ...]:
+        """What the arguments of a call are, by which equal calls are known."""
+        static, tree, leaves = self._sorted(*args, **kwargs)
+        contents = hashlib.blake2b()
+        for leaf in leaves:
+            contents.update(np.ascontiguousarray(leaf).data)
+        return (*static.values(), tree, *map(_type_of, leaves), contents.digest())
+
     def _sorted(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Any], Any, list[Any]]:
         """Static arguments by name, and the tree and leaves of the others."""
         bound = self._signature.bind(*args, **kwargs)
@@ -141,6 +150,54 @@ class Program(Generic[P, Made]):
                 self._variants[key] = found
             self._variants.move_to_end(key)
         return found
+
+
+class Kept(Generic[P, Made]):
+    """A program whose latest results are kept for calls with equal arguments, which threads may share.
+
+    Arguments are told apart by their contents, however often they are made: reading them takes much less time than
+    programs that are worth it.
+
+    Parameters
+    ----------
+    program
+        It must not use up arguments, since results are not copied.
+    most_bytes
+        Of all results that are kept; those that were asked for longest ago go first.
+    """
+
+    def __init__(self, program: Program[P, Made], most_bytes: int) -> None:
+        self._program, self._most_bytes = program, most_bytes
+        self._results: OrderedDict[Any, Made] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Made:
+        key = self._program.told_apart(*args, **kwargs)
+        with self._lock:
+            if key in self._results:
+                self._results.move_to_end(key)
+                return self._results[key]
+        made = self._program(*args, **kwargs)
+        with self._lock:
+            self._results[key] = made
+            while self.bytes > self._most_bytes:
+                self._results.popitem(last=False)
+        return made
+
+    @property
+    def bytes(self) -> int:
+        """Of all results that are kept now."""
+        return sum(bytes_of(each) for each in self._results.values())
+
+    def clear(self) -> None:
+        """Keep none any longer."""
+        with self._lock:
+            self._results.clear()
+
+
+def bytes_of(tree: Any) -> int:
+    """Bytes of the arrays of a tree, or of those that shapes and types stand for."""
+    return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(tree))
 
 
 def clear_caches() -> None:

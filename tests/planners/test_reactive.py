@@ -16,7 +16,8 @@ from sidestep.planners.time_dependent import Clairvoyant
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment, see_counts
-from sidestep.scenarios.maps import draw_map
+from sidestep.scenarios.maps import ScenarioMap, draw_map
+from sidestep.scenarios.model import Scenario
 from sidestep.walking.speed_field import SpeedField, speed_field
 
 KEY = jax.random.key(0)
@@ -152,20 +153,48 @@ def test_none_beats_the_clairvoyant(small) -> None:
         assert planner.level == "local" or seconds.mean() < 1.05 * least.mean()
 
 
-def test_counts_may_be_shown_of_some_slots_only(small) -> None:
+def blind(problem: Scenario, scenario_map: ScenarioMap, *, costs: bool) -> EnvParams:
+    """The same where no counts are seen yet."""
+    return make_environment(
+        problem, scenario_map, "test", 8, level="map", costs=costs, densities=True, destinations=[[15], [5]]
+    )
+
+
+def test_costs_of_one_slot_are_those_of_all_slots(small) -> None:
     problem = scenario("rush-16", side=4, crowded_nodes=1, horizon=2 * 3600.0)
     scenario_map = draw_map(problem, 3)
-    every, costs = small[0].futures.cost_to_go, {}
-    for level, forecasts in (("map", True), ("position", False)):
-        params = make_environment(
-            problem, scenario_map, "test", 8, level="map", costs=forecasts, densities=True, destinations=[[15], [5]]
-        )
-        costs[level] = see_counts(problem, scenario_map.flow, params, (2, 5), forecasts=forecasts).futures.cost_to_go
-    nearest = np.clip(np.arange(problem.slots), 2, 4)
-    np.testing.assert_allclose(costs["map"].forecast, np.asarray(every.forecast)[:, nearest], rtol=1e-5)
-    for found in costs.values():
-        np.testing.assert_allclose(found.snapshot, np.asarray(every.snapshot)[:, nearest], rtol=1e-6)
-    assert costs["position"].forecast is None
+    every, wanted = small[0].futures.cost_to_go, np.arange(8) % 3 > 0
+    for forecasts in (True, False):
+        params = blind(problem, scenario_map, costs=forecasts)
+        seen = see_counts(problem, scenario_map.flow, params, 3, wanted, forecasts=forecasts).futures.cost_to_go
+        np.testing.assert_allclose(seen.snapshot[wanted, 0], np.asarray(every.snapshot)[wanted, 3], rtol=1e-6)
+        if forecasts:
+            np.testing.assert_allclose(seen.forecast[wanted, 0], np.asarray(every.forecast)[wanted, 3], rtol=1e-5)
+        else:
+            assert seen.forecast is None
+        assert not np.asarray(seen.snapshot)[~wanted].any()  # nobody is there
+
+
+@pytest.mark.parametrize("planner", [Snapshot(), Forecast()], ids=lambda planner: planner.name)
+def test_walks_that_see_slot_by_slot_are_those_that_see_all(small, planner) -> None:
+    params, todo = small
+    problem = scenario("rush-16", side=4, crowded_nodes=1, horizon=2 * 3600.0)
+    scenario_map = draw_map(problem, 3)
+    todo = replace(todo, departure=todo.departure + 400.0 * jnp.arange(20))  # in several slots
+    unseen, slots = blind(problem, scenario_map, costs=True), []
+
+    def see(slot: int, wanted: np.ndarray) -> EnvParams:
+        slots.append(slot)
+        return see_counts(problem, scenario_map.flow, unseen, slot, wanted)
+
+    plan = planner.plan(params, todo)
+    all_at_once = walk_plan(planner, params, plan, todo, KEY, 30)
+    by_slots = walk_plan(planner, unseen, plan, todo, KEY, 30, see=see)
+    assert len(slots) > 3
+    assert slots == sorted(set(slots))
+    np.testing.assert_array_equal(by_slots.segments, all_at_once.segments)
+    np.testing.assert_allclose(by_slots.seconds, all_at_once.seconds, rtol=1e-6)
+    np.testing.assert_allclose(by_slots.clocks, all_at_once.clocks, rtol=1e-6)
 
 
 def test_costs_that_were_left_out_are_missed(small) -> None:

@@ -37,7 +37,6 @@ GATE_STEP = 60.0
 _TOO_LOW = "the environment was made for a level below"
 Destination = Bool[Array, " node"]
 """Nodes of the destination; the nearest one counts."""
-Slots = tuple[Int[Array, ""], Int[Array, ""]]
 Ahead = Callable[[Float[Array, " counter"], Float[Array, ""], Int[Array, ""]], SpeedField]
 """Speeds in a slot and the next ones, from its counts, the hour of the week at clock 0 and its number."""
 
@@ -283,11 +282,12 @@ def live_cost_to_go(
     params: EnvParams,
     counted: Float[Array, "future slot counter"],
     ahead: Ahead,
-    slots: Slots | None = None,
+    slot: Int[Array, ""] | None = None,
+    wanted: Bool[Array, " future"] | None = None,
     *,
     forecasts: bool = True,
 ) -> LiveCostToGo:
-    """Costs from all counts of every slot of every future, to that future's destination.
+    """Costs from all counts of every slot of every future, or of one slot, to that future's destination.
 
     Parameters
     ----------
@@ -297,9 +297,10 @@ def live_cost_to_go(
         What is known of each slot as it begins: the people on each segment, or the densities at counters.
     ahead
         Turns that into the speeds that are forecast from it; after its window crowds are as expected.
-    slots
-        The first slot that matters, and the one after the last, which need not be known beforehand: to others apply the
-        costs of the nearest of these. By default all matter.
+    slot
+        The only slot whose costs are worked out; by default those of all are.
+    wanted
+        In which futures; by default in all. Costs in others mean nothing.
     forecasts
         Whether costs are forecast.
 
@@ -310,7 +311,9 @@ def live_cost_to_go(
     """
     params, expected = with_mean_waits(params), known_cost_to_go(params)
     futures, speeds, every = params.futures, params.futures.speeds, jnp.arange(params.network.segments)
-    begin, end = (0, speeds.slots) if slots is None else slots
+    first, slots = (0, speeds.slots) if slot is None else (slot, 1)
+    which = jnp.arange(speeds.count) if wanted is None else jnp.argsort(~wanted)
+    number = speeds.count if wanted is None else jnp.sum(wanted, dtype=jnp.int32)
 
     def one(future: Array, slot: Array, exits: Array) -> tuple[tuple[Array, ...], Array]:
         """Costs of one slot of one future, and the best exits there if crowds stay as they are."""
@@ -323,19 +326,16 @@ def live_cost_to_go(
         field = ahead(counted[future, slot], futures.hour[future], slot)
         return (snapshot, _forecast(params, field, future, slot)), exits
 
-    def write(number: Array, carry: tuple[tuple[Array, ...], Array]) -> tuple[tuple[Array, ...], Array]:
+    def write(turn: Array, carry: tuple[tuple[Array, ...], Array]) -> tuple[tuple[Array, ...], Array]:
         tables, exits = carry
-        at = number // (end - begin), begin + number % (end - begin)
-        found, exits = one(*at, exits)
-        return tuple(table.at[at].set(row) for table, row in zip(tables, found, strict=True)), exits
+        future, row = which[turn // slots], turn % slots
+        found, exits = one(future, first + row, exits)
+        return tuple(table.at[future, row].set(each) for table, each in zip(tables, found, strict=True)), exits
 
     none = jnp.zeros(params.network.nodes, jnp.int32)  # no path is known beforehand
     shapes, _ = jax.eval_shape(one, jnp.int32(0), jnp.int32(0), none)
-    empty = tuple(jnp.zeros((speeds.count, speeds.slots, *row.shape), row.dtype) for row in shapes)
-    tables, _ = jax.lax.fori_loop(0, speeds.count * (end - begin), write, (empty, none))
-    if slots is not None:
-        nearest = jnp.clip(jnp.arange(speeds.slots), begin, end - 1)
-        tables = tuple(table[:, nearest] for table in tables)
+    empty = tuple(jnp.zeros((speeds.count, slots, *row.shape), row.dtype) for row in shapes)
+    tables, _ = jax.lax.fori_loop(0, number * slots, write, (empty, none))
     return LiveCostToGo(*tables)
 
 

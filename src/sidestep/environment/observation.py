@@ -127,7 +127,8 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
     """
     known, speeds, future = known_live_cost_to_go(params), params.futures.speeds, state.instance.future
     segment, slot = params.network.exit_segment[state.node], slot_at(state.clock, speeds.slot_seconds, speeds.slots)
-    snapshot = local.cost + known.snapshot[future, slot, local.onto]
+    row = jnp.minimum(slot, known.snapshot.shape[1] - 1)  # the costs of one slot are for walkers in it
+    snapshot = local.cost + known.snapshot[future, row, local.onto]
     if known.forecast is None:
         return Live(snapshot)
     part, steps = jnp.clip(state.clock / speeds.slot_seconds - slot, 0.0, 1.0), known.forecast.shape[2] - 1
@@ -142,7 +143,7 @@ def _live(params: EnvParams, state: EnvState, local: Local) -> Live:
         for_good = (begin > params.horizon) != (end > params.horizon)
         part = jnp.where(for_good, (shut > params.horizon) == (end > params.horizon), part)
         shut -= (1 - part) * begin + part * end  # forecasts take gates to open and shut little by little
-    begin, end = known.forecast[future, slot, step, segment], known.forecast[future, slot, step + 1, segment]
+    begin, end = known.forecast[future, row, step, segment], known.forecast[future, row, step + 1, segment]
     forecast = (1 - part) * begin + part * end
     # Forecasts leave out penalties, and take lights at their mean wait: from here both are seen.
     density = partial(speeds.density_at, future, segment, slot)

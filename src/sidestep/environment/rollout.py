@@ -13,6 +13,7 @@ from sidestep.environment.dynamics import reset, step
 from sidestep.environment.observation import observe
 from sidestep.environment.types import EnvParams, EnvState, Instance, Observation
 from sidestep.network.graph import ABSENT
+from sidestep.walking.crossing_time import slot_at
 
 Decide = Callable[[Observation, Key[Array, ""]], Int[Array, ""]]
 """Which exit to take."""
@@ -50,11 +51,16 @@ class Walk(eqx.Module):
     """What is remembered of the node where each of them begins; empty where nothing is."""
 
 
-class _Carry(NamedTuple):
+class UnderWay(NamedTuple):
+    """A walk as far as it went, from which it goes on."""
+
     state: EnvState
     over: Bool[Array, ""]
+    """Whether it arrived, or was cut off at the horizon."""
     walk: Walk
+    """How it went so far."""
     remembered: Float[Array, " node"]
+    """As in :class:`~sidestep.environment.types.Observation`; empty where nothing is remembered."""
 
 
 def walk(
@@ -88,14 +94,58 @@ def walk(
     Walk
         How it went.
     """
+    begun = set_out(params, instance, trace, past, remembers=remember is not None)
+    return ended(params, walk_on(params, decide, begun, key, remember))
+
+
+def set_out(
+    params: EnvParams, instance: Instance, trace: int = 0, past: Past | None = None, *, remembers: bool = False
+) -> UnderWay:
+    """A walk that has not begun yet; the parameters are those of :func:`walk`."""
     start, _ = reset(params, instance)
     if past is not None:
         start = replace(start, recent_nodes=past.recent_nodes)
     there, nothing = instance.origin == instance.destination, jnp.float32(0)
     measures = dict.fromkeys(params.objective.measures, nothing)
     segments, clocks = jnp.full(trace, ABSENT, jnp.int32), jnp.full(trace, instance.departure)
+    nodes, kept = (params.network.nodes, trace) if remembers else (0, 0)
+    remembered = jnp.zeros(nodes) if past is None else past.remembered[:nodes]
+    begun = Walk(nothing, there, start.steps, nothing, measures, segments, clocks, jnp.zeros(kept))
+    return UnderWay(start, there, begun, remembered)
 
-    def onward(carry: _Carry) -> _Carry:
+
+def walk_on(
+    params: EnvParams,
+    decide: Decide,
+    under_way: UnderWay,
+    key: Key[Array, ""],
+    remember: Remember | None = None,
+    slot: Int[Array, ""] | None = None,
+) -> UnderWay:
+    """Go on with a walk until it is over.
+
+    Parameters
+    ----------
+    params, decide, key, remember
+        As for :func:`walk`; the key is that of the whole walk.
+    under_way
+        The walk.
+    slot
+        Decide only at crossings that are reached in this slot, or in an earlier one.
+
+    Returns
+    -------
+    UnderWay
+        The walk, over or in a later slot.
+    """
+    speeds, trace = params.futures.speeds, len(under_way.walk.segments)
+
+    def goes_on(carry: UnderWay) -> Bool[Array, ""]:
+        if slot is None:
+            return ~carry.over
+        return ~carry.over & (slot_at(carry.state.clock, speeds.slot_seconds, speeds.slots) <= slot)
+
+    def onward(carry: UnderWay) -> UnderWay:
         before, so_far = carry.state, carry.walk
         remembered, kept = carry.remembered, so_far.remembered
         # Observed here, not carried from the step before: so there is one observation to compile instead of two.
@@ -108,7 +158,7 @@ def walk(
         action = decide(seen, jax.random.fold_in(key, before.steps))
         state, outcome = step(params, before, action)
         walked = Walk(
-            seconds=state.clock - instance.departure,
+            seconds=state.clock - before.instance.departure,
             arrived=outcome.terminated,
             steps=state.steps,
             cost=so_far.cost + outcome.crossed.cost,
@@ -117,13 +167,15 @@ def walk(
             clocks=jnp.where(jnp.arange(trace) >= before.steps, state.clock, so_far.clocks),
             remembered=kept,
         )
-        return _Carry(state, outcome.terminated | outcome.truncated, walked, remembered)
+        return UnderWay(state, outcome.terminated | outcome.truncated, walked, remembered)
 
-    nodes, kept = (0, 0) if remember is None else (params.network.nodes, trace)
-    remembered = jnp.zeros(nodes) if past is None else past.remembered[:nodes]
-    begun = Walk(nothing, there, start.steps, nothing, measures, segments, clocks, jnp.zeros(kept))
-    end = jax.lax.while_loop(lambda carry: ~carry.over, onward, _Carry(start, there, begun, remembered)).walk
+    return jax.lax.while_loop(goes_on, onward, under_way)
+
+
+def ended(params: EnvParams, under_way: UnderWay) -> Walk:
+    """How a walk went that is over."""
     # Nothing counts more than the horizon, or arriving late would be worse than never arriving.
-    seconds = jnp.where(end.arrived, jnp.minimum(end.seconds, params.horizon), params.horizon)
-    cost = params.objective.walk_cost(end.cost, seconds, end.arrived, params.horizon)
-    return replace(end, seconds=seconds, cost=cost)
+    walk = under_way.walk
+    seconds = jnp.where(walk.arrived, jnp.minimum(walk.seconds, params.horizon), params.horizon)
+    cost = params.objective.walk_cost(walk.cost, seconds, walk.arrived, params.horizon)
+    return replace(walk, seconds=seconds, cost=cost)

@@ -60,7 +60,10 @@ class ExpectedCostToGo(eqx.Module):
 
 
 class LiveCostToGo(eqx.Module):
-    """Costs of getting to each future's destination, from all counts of a slot: level ``live`` knows them."""
+    """Costs of getting to each future's destination, from all counts of a slot: level ``live`` knows them.
+
+    They are of all slots or, for walkers who are in the same one, of that alone.
+    """
 
     snapshot: Float[Array, "future slot node"]
     """Cost from each node, if crowds stay as they are."""
@@ -86,11 +89,6 @@ class Futures(eqx.Module):
     def count(self) -> int:
         """Number of futures."""
         return self.speeds.count
-
-    def first(self, slots: int) -> "Futures":
-        """The same in the first slots."""
-        costs = jax.tree.map(lambda leaf: leaf[:, :slots], self.cost_to_go)
-        return replace(self, speeds=self.speeds.first(slots), cost_to_go=costs)
 
     def taken(self, index: Int[Array, " taken"]) -> "Futures":
         """The futures of these numbers, in this order."""

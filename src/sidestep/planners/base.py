@@ -5,20 +5,24 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from sidestep.arguments import COUNT, checked, instance
 from sidestep.environment.cost_to_go import check_known
 from sidestep.environment.dynamics import random_exit
-from sidestep.environment.rollout import Past, Walk, walk
+from sidestep.environment.rollout import Decide, Past, Remember, UnderWay, Walk, ended, set_out, walk, walk_on
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.errors import SidestepError
 from sidestep.programs import over_devices, program
+from sidestep.walking.crossing_time import slot_at
+
+Made = TypeVar("Made")
 
 
 class Plan(eqx.Module):
@@ -199,6 +203,28 @@ class _Named:
         return getattr(sys.modules.get(self.module), self.name, None)
 
 
+SeeSlot = Callable[[int, Bool[np.ndarray, " future"]], EnvParams]
+"""The environment for walkers who are in one slot, given its number, and the futures in which any of them is."""
+
+
+def _rules(
+    decide: "DecideByPlan | _Named", remember: "RememberByPlan | _Named | None", plan: Plan, own: PyTree
+) -> tuple[Decide, Remember | None]:
+    """What one walker decides and remembers by."""
+    choose: Any = decide() if isinstance(decide, _Named) else decide
+    keep: Any = remember() if isinstance(remember, _Named) else remember
+    return partial(choose, plan.shared, own), None if keep is None else partial(keep, plan.shared, own)
+
+
+def _side_by_side(one: Callable[..., Made], plan: Plan, *each: PyTree, alike: bool) -> Made:
+    """One walker's function of its row of the plan, of all walkers, who are divided among devices."""
+    walkers = jax.tree.leaves(each)[0].shape[0]
+    if alike:  # one table for all walks, not a copy for each
+        own = jax.tree.map(lambda leaf: leaf[0], plan.own)
+        return over_devices(jax.vmap(partial(one, own)), walkers, tuple(0 for _ in each))(*each)
+    return over_devices(jax.vmap(one), walkers, (0, *(0 for _ in each)))(plan.own, *each)
+
+
 @program("decide", "remember", "trace", "level", "alike", spread=True)
 def _walk_all(
     decide: "DecideByPlan | _Named",
@@ -214,19 +240,62 @@ def _walk_all(
     alike: bool,
 ) -> Walk:
     params = replace(params, level=level)
-    choose: Any = decide() if isinstance(decide, _Named) else decide
-    keep: Any = remember() if isinstance(remember, _Named) else remember
 
     def one(own: PyTree, instance: Instance, key: Key[Array, ""]) -> Walk:
-        remembers = None if keep is None else partial(keep, plan.shared, own)
-        return walk(params, partial(choose, plan.shared, own), instance, key, trace, past, remembers)
+        choose, keep = _rules(decide, remember, plan, own)
+        return walk(params, choose, instance, key, trace, past, keep)
 
-    walks = instances.origin.shape[0]
-    keys = jax.random.split(key, walks)
-    if alike:  # one table for all walks, not a copy for each
-        own = jax.tree.map(lambda leaf: leaf[0], plan.own)
-        return over_devices(jax.vmap(partial(one, own)), walks, in_axes=(0, 0))(instances, keys)
-    return over_devices(jax.vmap(one), walks, in_axes=(0, 0, 0))(plan.own, instances, keys)
+    return _side_by_side(one, plan, instances, jax.random.split(key, instances.origin.shape[0]), alike=alike)
+
+
+class _Standing(NamedTuple):
+    """Walks under way, and where they go on."""
+
+    walks: UnderWay
+    ended: Walk
+    """What they are once they are over."""
+    slot: Int[Array, ""]
+    """The earliest in which a walker is."""
+    wanted: Bool[Array, " future"]
+    """Whether one is there in each of the futures."""
+
+    @staticmethod
+    def of(params: EnvParams, walks: UnderWay) -> "_Standing":
+        speeds, future = params.futures.speeds, walks.state.instance.future
+        slots = slot_at(walks.state.clock, speeds.slot_seconds, speeds.slots)
+        slot = jnp.min(jnp.where(walks.over, speeds.slots, slots))
+        wanted = jnp.zeros(speeds.count, bool).at[future].max(~walks.over & (slots == slot))
+        return _Standing(walks, jax.vmap(partial(ended, params))(walks), slot, wanted)
+
+
+@program("trace", "remembers")
+def _set_out(params: EnvParams, instances: Instance, past: Past | None, *, trace: int, remembers: bool) -> _Standing:
+    params = replace(params, level="position")  # nothing is seen yet
+    begun = jax.vmap(lambda instance: set_out(params, instance, trace, past, remembers=remembers))(instances)
+    return _Standing.of(params, begun)
+
+
+@program("decide", "remember", "level", "alike", spread=True)
+def _walk_slot(
+    decide: "DecideByPlan | _Named",
+    remember: "RememberByPlan | _Named | None",
+    params: EnvParams,
+    plan: Plan,
+    walks: UnderWay,
+    slot: Int[Array, ""],
+    key: Key[Array, ""],
+    level: Information,
+    *,
+    alike: bool,
+) -> _Standing:
+    params = replace(params, level=level)
+
+    def one(own: PyTree, under_way: UnderWay, key: Key[Array, ""]) -> UnderWay:
+        choose, keep = _rules(decide, remember, plan, own)
+        return walk_on(params, choose, under_way, key, keep, slot)
+
+    keys = jax.random.split(key, len(walks.over))
+    return _Standing.of(params, _side_by_side(one, plan, walks, keys, alike=alike))
 
 
 def walk_plan(
@@ -237,6 +306,7 @@ def walk_plan(
     key: Key[Array, ""],
     trace: int = 0,
     past: Past | None = None,
+    see: SeeSlot | None = None,
 ) -> Walk:
     """Walk all instances by a plan.
 
@@ -254,6 +324,9 @@ def walk_plan(
         Number of segments to remember of each walk.
     past
         What all walkers bring along where their walks go on from others.
+    see
+        Gives the environment that walkers decide in slot by slot, as they get there. By default they decide in
+        ``params``.
 
     Returns
     -------
@@ -265,12 +338,19 @@ def walk_plan(
     KnowledgeError
         Walks about which the environment's level knows nothing.
     """
-    check_known(params, instances, planner.observes)
     numbers = {leaf.shape[0] for leaf in jax.tree.leaves(plan.own)}
     alike = numbers == {1} and instances.origin.shape[0] > 1
     decide, level = _Named.of(planner.decide), planner.observes
     remember = _Named.of(planner.remember) if isinstance(planner, Remembering) else None
-    return _walk_all(decide, remember, params, plan, instances, key, trace, level, past, alike=alike)
+    if see is None:
+        check_known(params, instances, planner.observes)
+        return _walk_all(decide, remember, params, plan, instances, key, trace, level, past, alike=alike)
+    now = _set_out(params, instances, past, trace=trace, remembers=remember is not None)
+    while (wanted := np.asarray(now.wanted)).any():
+        there = see(int(now.slot), wanted)
+        check_known(there, instances, planner.observes)
+        now = _walk_slot(decide, remember, there, plan, now.walks, now.slot, key, level, alike=alike)
+    return now.ended
 
 
 @checked(
@@ -331,15 +411,16 @@ def routes_along(
     key: Key[Array, ""],
     trace: int,
     past: Past | None = None,
+    see: SeeSlot | None = None,
 ) -> list[Route]:
-    """:func:`routes` of walks by a plan that was made before, which may go on from others as in :func:`walk_plan`.
+    """:func:`routes` of walks by a plan that was made before; ``past`` and ``see`` are those of :func:`walk_plan`.
 
     Returns
     -------
     list of Route
         One for each instance.
     """
-    walked = walk_plan(planner, params, plan, instances, key, trace, past)
+    walked = walk_plan(planner, params, plan, instances, key, trace, past, see)
     begins, head, walked = jax.device_get((instances, params.network.head, walked))
     found = []
     for walk_number, steps in enumerate(walked.steps.tolist()):

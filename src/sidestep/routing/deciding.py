@@ -176,7 +176,7 @@ class _Rest:
         """
         decides = planner.level == "hindsight" or planner.observes in {"local", "map"}
         walker = planner if decides else self.onward.keeping(self.route.segments)
-        walks = self.onward.walk(walker, futures, self.route.seconds)
+        walks = self.onward.walk(walker, futures)
         return replace(walks, planner=planner, minutes=np.maximum(walks.minutes + self.back / 60, 0.0))
 
     def plan(self, walks: Walks, position: End) -> RoutePlan:

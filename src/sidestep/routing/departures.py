@@ -55,7 +55,7 @@ def latest_departure(located: Located, planner: Planner, request: RouteRequest, 
 
     def walks(minutes: float) -> Walks:
         departing = walker.departing(deadline - MINUTE * minutes)
-        return departing.walk(planner, departing.params.futures.count, MINUTE * minutes)
+        return departing.walk(planner, departing.params.futures.count)
 
     def sure(minutes: float) -> bool:
         return bool(_in_time(located, walks(minutes), minutes).mean() >= confidence)
@@ -249,7 +249,7 @@ def departure_window(
         departing = walker.departing(located.clock + turn * seconds)
         route = departing.expected_route(planner)
         departing.located.check_covered(route.seconds, "until" if turn else "depart")
-        walks = departing.walk(planner, departing.params.futures.count, route.seconds)
+        walks = departing.walk(planner, departing.params.futures.count)
         facts = departing.located.facts
         rows.append(
             DepartureTimes(

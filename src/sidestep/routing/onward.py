@@ -126,11 +126,11 @@ class Onward(Walker):
         self.located = self.located.departing(standing.clock + float(self.until_node[0]))
         self._departures = standing.clock + self.until_node
 
-    def walk(self, planner: Planner, futures: int, seconds: float) -> Walks:
-        """Walk through the first of the futures from now on; ``seconds`` is about how long that takes."""
+    def walk(self, planner: Planner, futures: int) -> Walks:
+        """Walk through the first of the futures from now on."""
         there, until_node = copy(self), self._until_node_in_futures
         there._departures, there._instances = self.standing.clock + until_node, {}  # noqa: SLF001 - of this class
-        walks = super(Onward, there).walk(planner, futures, seconds)
+        walks = super(Onward, there).walk(planner, futures)
         return replace(walks, minutes=walks.minutes + np.resize(until_node, futures) / 60)
 
     def instances(self, count: int) -> Instance:

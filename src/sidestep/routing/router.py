@@ -67,8 +67,8 @@ class Router:
 
     Streets, crowds and a model are read when the router is made. The first route compiles programs, and the next ones
     reuse them, whatever their ends and departures. Programs are compiled anew for another planner, for another number
-    of futures, for the first request with live counts, and, in large towns, for walks by forecasts that take more than
-    twice as long as those before. They are kept on disk for later processes. Several threads may share a router.
+    of futures, and for the first request with live counts. They are kept on disk for later processes. Several threads
+    may share a router.
 
     Parameters
     ----------

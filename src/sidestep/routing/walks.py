@@ -1,10 +1,9 @@
 """The walks of a request: by expected times, and through simulated futures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TypeVar
+from functools import cached_property, partial
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +11,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import as_expected, cross
-from sidestep.environment.rollout import Past, Walk
+from sidestep.environment.rollout import Past
 from sidestep.environment.types import EnvParams, Futures, Instance
 from sidestep.evaluation.metrics import in_time, spread
-from sidestep.planners.base import Plan, Planner, Route, routes_along, walk_plan
+from sidestep.planners.base import Plan, Planner, Route, SeeSlot, routes_along, walk_plan
 from sidestep.planners.reactive import Snapshot
 from sidestep.programs import on_device, program
 from sidestep.routing.alternatives import alternatives
@@ -27,12 +26,6 @@ from sidestep.scenarios.futures import make_environment, see_counts
 from sidestep.scenarios.maps import purpose_key
 from sidestep.walking.expected_times import Speeds
 
-T = TypeVar("T", Route, Walk)
-FIRST_SLOTS = 4
-"""Slots whose counts are shown where nobody knows how long a walk takes."""
-LONGER = 1.3
-"""Seconds for each of the walk by expected times, in which others may take: counts of slots within them are shown to
-planners that see all counts, and of twice as many where somebody takes longer."""
 _LEGS_AT_ONCE = 64  # a route's legs are filled up to a multiple, so that routes of many lengths share programs
 
 
@@ -64,9 +57,9 @@ def planned(walker: "Walker", request: RouteRequest, within: float | None = None
     route = walker.expected_route(planner)
     if request.arrive_by is None:
         located.check_covered(route.seconds)
-    walks = walker.walk(planner, count, route.seconds)
+    walks = walker.walk(planner, count)
     baselines = {
-        other.name: walker.walk(other, located.futures_of(other, count), route.seconds).against(walks)
+        other.name: walker.walk(other, located.futures_of(other, count)).against(walks)
         for other in located.baselines
         if other.name != planner.name
     }
@@ -78,7 +71,7 @@ def planned(walker: "Walker", request: RouteRequest, within: float | None = None
     )
     described = [
         replace(
-            walker.described(other.route, walker.walk(other.planner, count, other.route.seconds), by, {}),
+            walker.described(other.route, walker.walk(other.planner, count), by, {}),
             shared=other.shared,
         )
         for other in others
@@ -186,30 +179,23 @@ class Walker:
 
     def expected_route(self, planner: Planner) -> Route:
         """All of the walk by expected times, however long it is."""
+        params, see = self.alone, self._counts(planner, self.alone)
+        plan, todo, trace = self._plan(planner), self.instances(1), params.network.nodes
+        while True:
+            (route,) = routes_along(planner, params, plan, todo, self.key, trace, self.past, see)
+            if len(route.segments) < trace:
+                return route
+            trace *= 8  # it may go on
 
-        def whole(params: EnvParams) -> Route:
-            plan, todo, trace = self._plan(planner, params), self.instances(1), params.network.nodes
-            while True:
-                (route,) = routes_along(planner, params, plan, todo, self.key, trace, self.past)
-                if len(route.segments) < trace:
-                    return route
-                trace *= 8  # it may go on
-
-        return self._informed(planner, self.alone, FIRST_SLOTS * self.located.scenario.slot_seconds / LONGER, whole)
-
-    def walk(self, planner: Planner, futures: int, seconds: float) -> Walks:
-        """Walk through the first of the futures; ``seconds`` is about how long that takes."""
+    def walk(self, planner: Planner, futures: int) -> Walks:
+        """Walk through the first of the futures."""
         todo = self.instances(size := _size(futures))
-
-        def through(params: EnvParams) -> Walk:
-            hindsight = planner.level == "hindsight"
-            plan = planner.plan(params, todo) if hindsight else self._plan(planner, params)
-            return walk_plan(planner, params, plan, todo, self.key, past=self.past)
-
         params, drawn = self.params, self.params.futures
         if not futures == size == drawn.count:
             params = replace(params, futures=_some(drawn, on_device(np.arange(size) % futures, np.int32)))
-        walked = self._informed(planner, params, seconds, through)
+        plan = planner.plan(params, todo) if planner.level == "hindsight" else self._plan(planner)
+        see = self._counts(planner, params)
+        walked = walk_plan(planner, params, plan, todo, self.key, past=self.past, see=see)
         exposure = walked.measures.get("exposure")
         met = None if exposure is None else np.asarray(exposure, np.float64)[:futures]
         minutes = np.asarray(walked.seconds, np.float64)[:futures] / 60
@@ -246,42 +232,15 @@ class Walker:
             streets=streets,
         )
 
-    def _informed(self, planner: Planner, params: EnvParams, seconds: float, walk: Callable[[EnvParams], T]) -> T:
-        """The result of a walk whose planner sees what its level allows.
-
-        Parameters
-        ----------
-        planner, params
-            The planner, and an environment of level ``map``.
-        seconds
-            Planners that see all counts are shown those of the first slots: enough for a walk of these seconds, and
-            more if it takes longer.
-        walk
-            Walks an environment.
-
-        Returns
-        -------
-        Route or Walk
-            What ``walk`` returns.
-        """
+    def _counts(self, planner: Planner, params: EnvParams) -> SeeSlot | None:
+        """How a planner sees all counts as its walks get on; None where it sees none."""
         if planner.observes != "live":
-            return walk(params)
-        scenario, departure = self.located.scenario, self.located.clock
-        slot_seconds, forecasts = scenario.slot_seconds, _looks_ahead(planner)
-        first = min(int(departure // slot_seconds), scenario.slots - 1)
-        after = max(int((departure + LONGER * seconds) // slot_seconds), first) + 1
-        while True:
-            flow, after = self.located.scenario_map.flow, min(after, scenario.slots)
-            found = walk(see_counts(scenario, flow, params, (first, after), forecasts=forecasts))
-            latest = departure + float(np.asarray(found.seconds).max())
-            if latest <= after * slot_seconds or after >= scenario.slots:
-                return found
-            after += after - first
+            return None
+        scenario, flow = self.located.scenario, self.located.scenario_map.flow
+        return partial(see_counts, scenario, flow, params, forecasts=_looks_ahead(planner))
 
-    def _plan(self, planner: Planner, params: EnvParams) -> Plan:
+    def _plan(self, planner: Planner) -> Plan:
         """One plan serves all futures: planners know of none of them, and of what is expected the same in each."""
-        if planner.observes == "live":
-            return planner.plan(params, self.instances(1))
         plan = next((plan for other, plan in self._plans if other is planner), None)
         if plan is None:
             plan = planner.plan(self.alone, self.instances(1))

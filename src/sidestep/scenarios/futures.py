@@ -7,13 +7,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from sidestep.arguments import COUNT, FLAG, NUMBER, checked, each, instance, one_of, whole
 from sidestep.crowds.base import Field, FlowModel
 from sidestep.environment.cost_to_go import (
     WINDOW,
-    Slots,
     expected_cost_to_go,
     live_cost_to_go,
     unknown_cost_to_go,
@@ -31,7 +30,7 @@ from sidestep.environment.types import (
     futures_in_turn,
 )
 from sidestep.network.graph import RoadNetwork
-from sidestep.programs import on_device, program
+from sidestep.programs import Kept, on_device, program
 from sidestep.scenarios.episodes import MOST_NUMBERED, NODES, check_nodes, destinations_of
 from sidestep.scenarios.expectation import Crowds, Expectation
 from sidestep.scenarios.maps import A_MAP, PURPOSES, Purpose, ScenarioMap, purpose_key
@@ -41,10 +40,8 @@ from sidestep.walking.crossing_time import CrossingRule
 from sidestep.walking.expected_times import Speeds
 from sidestep.walking.speed_field import SpeedField, dense_speeds, walking_speeds
 
-MOST_NUMBERS = 2**24
-"""Costs from counts, up to which they are kept for all slots."""
-FEWEST_SLOTS = 16
-"""Slots that they are kept for otherwise, or twice, four times, … as many."""
+MOST_BYTES = 2**29
+"""Of costs from counts that are kept for walks that ask for them again."""
 
 
 @checked(
@@ -217,9 +214,15 @@ def replace_futures(
 
 
 def see_counts(
-    scenario: Scenario, flow: FlowModel, params: EnvParams, slots: tuple[int, int], *, forecasts: bool = True
+    scenario: Scenario,
+    flow: FlowModel,
+    params: EnvParams,
+    slot: int,
+    wanted: Bool[np.ndarray, " future"],
+    *,
+    forecasts: bool = True,
 ) -> EnvParams:
-    """The same environment for walkers of level ``live``.
+    """The same environment for walkers of level ``live`` who are in one slot.
 
     Parameters
     ----------
@@ -227,27 +230,22 @@ def see_counts(
         The problem, and the crowds that forecasts are made of.
     params
         An environment of level ``map`` at least, with densities.
-    slots
-        The first slot of which counts and forecasts are shown, and the one after the last; before and after these
-        walkers see what they see in the nearest one. Forecasts take much longer than all else: leave out slots in which
-        nobody walks.
+    slot
+        The slot. Costs of all slots of all futures take gigabytes in large towns, and forecasts much longer than all
+        else: they are worked out where walkers are.
+    wanted
+        The futures in which they are.
     forecasts
         Whether forecasts are worked out; else there are none, for walkers who do not look at them.
 
     Returns
     -------
     EnvParams
-        Its futures have the costs that follow from counts and forecasts, in all slots or, where that would be many
-        numbers, in as many of the first ones as hold ``slots``: a power of two, so that few programs are compiled.
+        Its futures have the costs that follow from the counts of the slot, and from forecasts.
     """
-    network, futures = params.network, params.futures
-    kept, numbers = scenario.slots, network.nodes + forecasts * 2 * network.segments
-    if futures.count * kept * numbers > MOST_NUMBERS:
-        kept = min(kept, max(FEWEST_SLOTS, 1 << (slots[1] - 1).bit_length()))
-    costs = _with_counts(Crowds.of(scenario, flow), params, *np.array(slots, np.int32), kept=kept, forecasts=forecasts)
-    if kept < scenario.slots:
-        futures = futures.first(slots=kept)
-    return replace(params, futures=replace(futures, cost_to_go=costs), level="live")
+    number, crowds = on_device(np.array(slot), np.int32), Crowds.of(scenario, flow)
+    costs = KEPT(crowds, params, number, on_device(wanted, np.bool_), forecasts=forecasts)
+    return replace(params, futures=replace(params.futures, cost_to_go=costs), level="live")
 
 
 _replaced = jax.jit(Futures.replaced)
@@ -314,7 +312,13 @@ def _drawn(crowds: Crowds, params: EnvParams, key: Key[Array, ""], meant: Meant)
 
 
 def _live_cost_to_go(
-    crowds: Crowds, params: EnvParams, field: Field, slots: Slots | None = None, *, forecasts: bool = True
+    crowds: Crowds,
+    params: EnvParams,
+    field: Field,
+    slot: Int[Array, ""] | None = None,
+    wanted: Bool[Array, " future"] | None = None,
+    *,
+    forecasts: bool = True,
 ) -> LiveCostToGo:
     network, law, seen = params.network, crowds.law, params.futures.speeds.sightings
 
@@ -324,19 +328,16 @@ def _live_cost_to_go(
             return dense_speeds(network, forecast, law, densities=params.objective.needs_density)
         return dense_speeds(network, forecast, law, densities=True).seeing(seen.later(slot, WINDOW), law, network.pace)
 
-    return live_cost_to_go(params, field.counted, ahead, slots, forecasts=forecasts)
+    return live_cost_to_go(params, field.counted, ahead, slot, wanted, forecasts=forecasts)
 
 
-@program("kept", "forecasts")
-def _with_counts(
-    crowds: Crowds,
-    params: EnvParams,
-    first: Int[Array, ""],
-    after: Int[Array, ""],
-    *,
-    kept: int,
-    forecasts: bool,
+@program("forecasts")
+def _in_slot(
+    crowds: Crowds, params: EnvParams, slot: Int[Array, ""], wanted: Bool[Array, " future"], *, forecasts: bool
 ) -> LiveCostToGo:
-    shown = replace(params, futures=params.futures.first(slots=kept))
-    field = shown.futures.speeds.field(params.network)
-    return _live_cost_to_go(crowds, shown, field, (first, after), forecasts=forecasts)
+    field = params.futures.speeds.field(params.network)
+    return _live_cost_to_go(crowds, params, field, slot, wanted, forecasts=forecasts)
+
+
+KEPT = Kept(_in_slot, MOST_BYTES)
+"""Costs from the counts of slots, of the latest walks."""
