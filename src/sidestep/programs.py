@@ -8,6 +8,7 @@ the processor, flags, static arguments, and the shapes of the others.
 import hashlib
 import inspect
 import math
+import os
 import re
 import secrets
 import threading
@@ -36,6 +37,8 @@ QUICK = {
     "xla_cpu_parallel_codegen_split_count": 4,  # of 32 parts each repeats some of the others' work
 }
 """Options of the compiler on a CPU for programs that do not run for long."""
+REPEATABLE = {"xla_gpu_deterministic_ops": True}
+"""Options on a GPU, where sums otherwise add up in another order every time; flags of these names come first."""
 _IN_MEMORY = 128  # programs for each function
 _KNOWN = {"builtins", "collections", "sidestep", "jax", "jaxlib", "numpy", "equinox", "optax"}
 """Packages whose code does not change, or is part of the names of files."""
@@ -138,7 +141,7 @@ class Program(Generic[P, Made]):
             if found is None:
                 if len(self._variants) == _IN_MEMORY:
                     self._variants.popitem(last=False)
-                options = QUICK if self._quick(**static) and jax.default_backend() == "cpu" else {}
+                options = _options(quick=self._quick(**static))
                 devices = self._devices()
                 told = repr((static, tree, types, self._donate, read, settings, options, len(devices)))
                 # Of other packages the source is not known.
@@ -353,6 +356,14 @@ class _Variant:
         if self._file is not None:
             kept_programs.write(self._file, compiled, self._made)
         return compiled
+
+
+def _options(*, quick: bool) -> dict[str, Any]:
+    """Those of the compiler, by where programs run."""
+    if jax.default_backend() == "cpu":
+        return QUICK if quick else {}
+    flags = os.environ.get("XLA_FLAGS", "")
+    return {name: value for name, value in REPEATABLE.items() if name not in flags}
 
 
 def _in_full(function: Callable[P, Made]) -> Callable[P, Made]:
