@@ -32,6 +32,8 @@ SPREADS = sys.platform == "linux"
 """Whether the system spreads connections over several sockets of one address."""
 STOPPING = 10
 """Seconds that requests under way have to end after Ctrl-C or SIGTERM."""
+HANGING = 60
+"""Seconds after which a worker that says nothing is ended, and another begun: on a busy machine imports take long."""
 _log = logging.getLogger("sidestep.server")
 
 
@@ -96,6 +98,7 @@ def _config(settings: Settings, app: FastAPI | str, *, as_json: bool) -> uvicorn
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=STOPPING,
+        timeout_worker_healthcheck=HANGING,
         timeout_keep_alive=math.ceil(IDLE),
         ws="none",
         lifespan="on",
