@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from sidestep.agent import runs
+from sidestep.agent import memory, runs
 from sidestep.cli import app as cli
 from sidestep.errors import SidestepError
 from sidestep.experiments import demo, paper
@@ -506,6 +506,13 @@ def test_bad_input_gets_one_sentence(process, args, says, tmp_path):
 def test_more_bad_input_is_refused_in_one_sentence(sidestep, args, says, tmp_path):
     assert says in one_sentence(sidestep(*args.split(), cwd=tmp_path))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_training_that_does_not_fit_into_memory_is_refused_in_one_sentence(sidestep, monkeypatch, tmp_path):
+    monkeypatch.setattr(memory, "bytes_available", lambda: 1000)
+    done = sidestep("train", *GRID, "--out", tmp_path / "m")
+    assert (done.returncode, done.stderr.count("\n"), list(tmp_path.iterdir())) == (2, 1, [])
+    assert " GB" in done.stderr
 
 
 @pytest.mark.parametrize("option", ["maps", "walks", "workers", "seed", "by"])

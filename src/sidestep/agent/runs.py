@@ -23,6 +23,7 @@ from sidestep.agent.checkpoint import (
     save,
 )
 from sidestep.agent.config import TrainConfig, TrainConfigError, differences
+from sidestep.agent.memory import check_memory
 from sidestep.agent.metrics import MetricsFile, RoundMetrics, open_metrics
 from sidestep.agent.tracking import EventFile, check_tracking, remove_events
 from sidestep.agent.train import RoundReport, TrainState, training_rounds
@@ -159,7 +160,8 @@ def train(
         There is nothing to resume, or it was trained otherwise or to the end; or ``out`` has a model that is neither to
         be resumed nor overwritten, or another training writes to it (field ``out``), or both flags (``overwrite``).
     TrainConfigError
-        Anything that is not as above; the parameter is its field.
+        Anything that is not as above; the parameter is its field. Or a training that needs more memory than is free:
+        the setting that takes most of it.
     ScenarioError
         There are fewer destinations than are to be learned, or no way on from a crossing.
     OutputError
@@ -184,6 +186,7 @@ def train(
     # What nobody can learn is refused before anything is written.
     destinations_of(drawn, config.destinations)
     check_paths(drawn)
+    check_memory(config, scenario, drawn)
     metadata = Metadata(scenario=scenario, seed=seed, map=index, config=config, fingerprint=drawn.fingerprint)
     least: list[float] = []
 
