@@ -324,3 +324,20 @@ def test_results_are_kept_as_long_as_there_is_room():
     assert kept(whole, 3).tolist() == (3 * whole).tolist()
     assert source.calls == 6
     assert Kept(source, 15)(one, 3).tolist() == [3, 3, 3, 3]  # more than there is room for
+
+
+def test_of_small_results_few_are_kept(monkeypatch):
+    monkeypatch.setattr(programs, "_MOST_RESULTS", 2)
+    source = Counted(lambda numbers: 2 * numbers)
+    kept, arguments = Kept(source, 1000), [np.full(4, number, np.float32) for number in range(3)]
+    for each in (*arguments, arguments[1], arguments[2], arguments[0]):
+        kept(each)
+    assert (source.calls, kept.bytes) == (4, 2 * 4 * 4)
+
+
+def test_a_result_without_room_drives_out_no_other():
+    source = Counted(lambda numbers: 2 * numbers)
+    kept, small, large = Kept(source, 16), np.ones(4, np.float32), np.ones(5, np.float32)
+    for each in (small, large, small):
+        kept(each)
+    assert (source.calls, kept.bytes) == (2, 16)

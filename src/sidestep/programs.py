@@ -40,6 +40,7 @@ QUICK = {
 REPEATABLE = {"xla_gpu_deterministic_ops": True}
 """Options on a GPU, where sums otherwise add up in another order every time; flags of these names come first."""
 _IN_MEMORY = 128  # programs for each function
+_MOST_RESULTS = 4096  # of a program: beside small arrays what stands around them takes most of the memory
 _KNOWN = {"builtins", "collections", "sidestep", "jax", "jaxlib", "numpy", "equinox", "optax"}
 """Packages whose code does not change, or is part of the names of files."""
 _WALKERS = "walkers"
@@ -173,6 +174,8 @@ class Kept(Generic[P, Made]):
         self._program, self._most_bytes = program, most_bytes
         self._results: OrderedDict[Any, Made] = OrderedDict()
         self._lock = threading.Lock()
+        self.bytes = 0
+        """Of all results that are kept now."""
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Made:
         key = self._program.told_apart(*args, **kwargs)
@@ -182,20 +185,13 @@ class Kept(Generic[P, Made]):
                 return self._results[key]
         made = self._program(*args, **kwargs)
         with self._lock:
-            self._results[key] = made
-            while self.bytes > self._most_bytes:
-                self._results.popitem(last=False)
+            # What there is no room for does not drive out what there is; another thread may have been faster.
+            if key not in self._results and bytes_of(made) <= self._most_bytes:
+                self._results[key] = made
+                self.bytes += bytes_of(made)
+                while self.bytes > self._most_bytes or len(self._results) > _MOST_RESULTS:
+                    self.bytes -= bytes_of(self._results.popitem(last=False)[1])
         return made
-
-    @property
-    def bytes(self) -> int:
-        """Of all results that are kept now."""
-        return sum(bytes_of(each) for each in self._results.values())
-
-    def clear(self) -> None:
-        """Keep none any longer."""
-        with self._lock:
-            self._results.clear()
 
 
 def bytes_of(tree: Any) -> int:
@@ -236,8 +232,8 @@ def program(
     files
         Picks the names of files that the function reads out of the static arguments, as well by name.
     spread
-        Run it on all devices at once. What they divide among themselves says :func:`over_devices`; the rest they all
-        do, and all have the arguments and what the program makes. On one device nothing changes.
+        Run it on all devices at once. They divide what :func:`over_devices` says, and all of them do the rest, and have
+        the arguments and the results. On one device nothing changes.
 
     Returns
     -------

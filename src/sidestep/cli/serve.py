@@ -112,7 +112,7 @@ def _check(host: str, port: int, rate: float, workers: int) -> None:
 
 
 def _check_others(cors: list[str], name: list[str], proxy: list[str]) -> None:
-    """Refuse what names no other origin, no name of this server, or no proxy."""
+    """Refuse what cannot be an origin, a name of this server, or a proxy."""
     for each in cors:
         if not _ORIGIN.fullmatch(each):
             said = "--cors must be an origin, such as https://example.org, without a path"

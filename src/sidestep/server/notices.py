@@ -46,7 +46,7 @@ class Listener:
     def _run(self) -> None:
         failures = (SQLAlchemyError, self._engine.dialect.loaded_dbapi.Error, OSError)
         while not self._ended.is_set():
-            with suppress(*failures):  # whoever asks the database meanwhile is told what is wrong with it
+            with suppress(*failures):  # requests that ask the database say what is wrong with it
                 self._hear()
             self._ended.wait(AGAIN)
 

@@ -39,7 +39,7 @@ class Settings(BaseModel):
     hosts: tuple[str, ...] = ()
     """Names besides those of loopback by which browsers may address the server when they write."""
     proxies: tuple[str, ...] = ()
-    """Addresses and networks of proxies, which say whom they ask for."""
+    """Addresses and networks of proxies that are believed when they say for whom they ask."""
     requests_per_second: Annotated[float, Field(gt=0)] = 1000.0
     """The most of one address, after twice as many at once."""
     workers: Annotated[int, Field(ge=1, le=64)] = 1

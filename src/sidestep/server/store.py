@@ -229,7 +229,7 @@ class Store:
             return self._number
 
     def watch(self, tell: Callable[[], object]) -> float:
-        """Have something called as soon as :meth:`version` may have changed, by any process if the database tells that.
+        """Call something as soon as :meth:`version` may have changed: here or, if the database tells, in any process.
 
         Parameters
         ----------
@@ -568,7 +568,7 @@ def _count_change(connection: Connection) -> None:
 
 
 def _nobody() -> None:
-    """Whom a store tells that nobody watches."""
+    """What is called where nobody watches the store."""
 
 
 _Key = tuple[str, int]
