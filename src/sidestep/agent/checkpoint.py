@@ -291,7 +291,7 @@ def _read_latest(folder: Path, template: Callable[[Metadata], Tree]) -> tuple[Me
             damaged.append(error)
     if damaged:
         raise damaged[0]
-    raise CheckpointError(f"no training in {folder}: there is no checkpoint", field="checkpoint")
+    raise CheckpointError(f"no training in {folder} that can go on: there is no checkpoint", field="checkpoint")
 
 
 def _read(path: Path, known: tuple[int, ...], template: Callable[[Metadata], Tree]) -> tuple[Metadata, Tree]:

@@ -99,7 +99,8 @@ def run_job(job: Job, out: Path) -> Result:
     compared = compare(job.scenario, factories, maps=job.walked, walks=job.walks, seed=job.seed)
     result["records"] |= {name: record.to_json() for name, record in compared.records.items()}
     write_text(folder / RESULT, json.dumps(result) + "\n")
-    for path in checkpoints(folder):  # megabytes, and nothing goes on from them
+    # Megabytes, and nothing goes on from them. The latest goes last: after a kill it still says how the training ended.
+    for path in reversed(checkpoints(folder)):
         path.unlink(missing_ok=True)
     return result
 
