@@ -8,7 +8,7 @@ import pytest
 
 from sidestep.agent import memory
 from sidestep.agent.config import TrainConfigError
-from sidestep.agent.memory import bytes_available, bytes_needed
+from sidestep.agent.memory import _left_by_groups, bytes_available, bytes_needed
 from sidestep.agent.presets import preset
 from sidestep.agent.runs import train
 from sidestep.agent.train import prepare
@@ -62,3 +62,23 @@ def test_what_is_free_is_less_than_there_is() -> None:
     free, words = bytes_available(), Path("/proc/meminfo").read_text("ascii").split()
     assert free is not None
     assert 0 < free <= 1024 * int(words[words.index("MemTotal:") + 1])
+
+
+@pytest.mark.parametrize(
+    ("told", "folder", "most", "used", "total"),
+    [
+        ("0::/slurm/job/step", "", "memory.max", "memory.current", ""),
+        ("4:cpu:/\n3:memory:/slurm/job/step", "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_"),
+    ],
+)
+def test_limits_of_all_groups_around_count(
+    told: str, folder: str, most: str, used: str, total: str, tmp_path: Path
+) -> None:
+    top = tmp_path / folder
+    for group, limit, taken, of_files in (("slurm/job", "1000", "700", "200"), ("", "900", "800", "5")):
+        (top / group).mkdir(parents=True, exist_ok=True)
+        (top / group / most).write_text(f"{limit}\n")
+        (top / group / used).write_text(f"{taken}\n")
+        (top / group / "memory.stat").write_text(f"{total}active_file {of_files}\n{total}inactive_file 0\n")
+    (top / "slurm" / most).write_text("max\n")
+    assert [*_left_by_groups(told, tmp_path)] == [500, 105]

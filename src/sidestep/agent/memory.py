@@ -1,5 +1,6 @@
 """Whether a training fits into memory, by the shapes of all that it keeps: known before any of it is worked out."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -66,17 +67,41 @@ def check_memory(config: TrainConfig, scenario: Scenario, scenario_map: Scenario
 
 
 def bytes_available() -> int | None:
-    """Memory in bytes that arrays may take, on the device or else as Linux and the container's limit have it."""
+    """Memory in bytes that arrays may take, on the device or else as Linux and the limits of containers have it."""
     stats = jax.devices()[0].memory_stats()
     if stats is not None and "bytes_limit" in stats:
         return int(stats["bytes_limit"] - stats.get("bytes_in_use", 0))
     try:
-        text = Path("/proc/meminfo").read_text("ascii")
-    except OSError:  # of other systems it is not known
+        free = _numbers(Path("/proc/meminfo"))["MemAvailable:"] * 1024
+        groups = Path("/proc/self/cgroup").read_text("utf-8")
+    except (OSError, KeyError):  # of other systems it is not known
         return None
-    free = [1024 * int(text.partition("MemAvailable:")[2].split()[0])]
-    for limit in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
-        path = Path(limit)
-        if path.exists() and (number := path.read_text("ascii").strip()).isdecimal():  # or "max"
-            free.append(int(number))
-    return min(free)
+    return min([free, *_left_by_groups(groups)])
+
+
+def _left_by_groups(groups: str, mounted: Path = Path("/sys/fs/cgroup")) -> Iterator[int]:
+    """What the control groups of a process leave it, and those around them: a job of Slurm's, a container."""
+    for line in groups.splitlines():
+        _, kinds, group = line.split(":", 2)
+        if "memory" in kinds.split(","):  # of version 1
+            top, most, used = mounted / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
+        elif not kinds:
+            top, most, used = mounted, "memory.max", "memory.current"
+        else:
+            continue
+        inner = top / group.lstrip("/")
+        for folder in (inner, *inner.parents):
+            try:
+                limit, taken = (int((folder / name).read_text("ascii")) for name in (most, used))
+                of_files = _numbers(folder / "memory.stat")
+            except (OSError, ValueError):  # "max"; the group's folder is not to be seen from within a container
+                continue
+            # What files take in memory goes when others need it; "total_" counts the groups within.
+            total = "total_" if "total_inactive_file" in of_files else ""
+            yield limit - taken + sum(of_files.get(f"{total}{name}_file", 0) for name in ("active", "inactive"))
+
+
+def _numbers(file: Path) -> dict[str, int]:
+    """The numbers of a file with a name and a number in each line."""
+    lines = (line.split() for line in file.read_text("ascii").splitlines())
+    return {name: int(number) for name, number, *_ in lines}
