@@ -74,7 +74,7 @@ def bytes_available() -> int | None:
     try:
         free = _numbers(Path("/proc/meminfo"))["MemAvailable:"] * 1024
         groups = Path("/proc/self/cgroup").read_text("utf-8")
-    except (OSError, KeyError):  # of other systems it is not known
+    except (OSError, KeyError, ValueError):  # of other systems it is not known
         return None
     return min([free, *_left_by_groups(groups)])
 

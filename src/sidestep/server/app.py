@@ -167,7 +167,7 @@ async def _keep_fresh(served: ServedTown, bus: Bus) -> None:
     loop, news = asyncio.get_running_loop(), asyncio.Event()
 
     def tell() -> None:
-        if not loop.is_closed():
+        with suppress(RuntimeError):  # the server has stopped
             loop.call_soon_threadsafe(news.set)
 
     seconds = served.store.watch(tell)

@@ -257,5 +257,5 @@ def _times_from(
         return by + 1, reached.any(), spanned + reached, at, before
 
     start = (jnp.int32(1), jnp.bool_(True), jnp.zeros(end.shape, jnp.int32), speed[:, ::every], covered[:, ::every])
-    _, _, spanned, at, before = jax.lax.while_loop(lambda carry: carry[1], further, start)
+    _, _, spanned, at, before = jax.lax.while_loop(lambda carry: carry[1] & (carry[0] < slots), further, start)
     return spanned * slot_seconds + (end - before) / at
