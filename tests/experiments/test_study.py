@@ -115,7 +115,7 @@ def test_scenario_files_are_looked_for_from_the_study(study, tmp_path) -> None:
         (SMALL + "[settings]\n\nrouns = 3\n", "settings.rouns", 6),
         (SMALL + "[settings]\ngamma = [1.0, 1.5]\n", "settings.gamma", 5),
         (SMALL + "[settings]\ngamma = []\n", "settings.gamma", 5),
-        (SMALL + "[settings]\nself = 3\n", "settings", 4),
+        (SMALL + "[settings]\nself = 3\n", "settings.self", 5),
         (SMALL + "[settings]\nlevel = 'map'\n", "settings.level", 5),
         (SMALL + "[variants.a]\ngama = 1.0\n", "variants.a.gama", 5),
         (SMALL + "[variants.a]\ngamma = 1.0\n", "variants.a", 4),
@@ -132,6 +132,13 @@ def test_mistakes_have_their_field_and_line(study, text: str, field: str | None,
     with pytest.raises(StudyError) as error:
         study(text)
     assert (error.value.field, error.value.line) == (field, line)
+
+
+def test_what_to_do_about_a_job_that_is_asked_for_twice(study) -> None:
+    for key, remedy in (("walks", "ask for the same in all grids"), ("settings.rounds", "make rounds a list")):
+        with pytest.raises(StudyError) as error:
+            study(f"scenarios = 'rush-16'\n[grids.a]\n{key} = 2\n[grids.b]\n{key} = 3\n")
+        assert str(error.value).endswith(remedy)
 
 
 def test_all_mistakes_in_values_are_told_at_once(study) -> None:

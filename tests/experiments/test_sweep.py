@@ -235,6 +235,30 @@ def test_what_the_command_writes(small, tmp_path, capsys) -> None:
     assert "darp" in capsys.readouterr().out
 
 
+def test_walks_are_not_written_over_the_counts_of_a_scenario(tmp_path, capsys) -> None:
+    counts = tmp_path / "counts.csv"
+    hours = pd.date_range("2023-01-01", "2026-01-01", freq="h", tz="Europe/Helsinki").tz_localize(None).unique()
+    pd.DataFrame({"time": hours, "Gate": 100 + hours.hour}).to_csv(counts, index=False)
+    (tmp_path / "town.toml").write_text("[place]\nstreets = 'helsinki'\n[place.crowd_source]\nfile = 'counts.csv'\n")
+    study = tmp_path / "study.toml"
+    study.write_text("scenarios = 'town.toml'\nlevels = 'map'\n")
+    before = counts.read_bytes()
+    assert cli.run(["sweep", str(study), "--walks-out", str(counts), "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
+    assert "counts.csv, which is read" in capsys.readouterr().err
+    assert counts.read_bytes() == before
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("damaged", ["{}", "[]", "null", '{"records": 3}', "\0\0"])
+def test_a_result_that_is_damaged_is_told(small, tmp_path, damaged: str) -> None:
+    study = read_study(small(tmp_path))
+    folder = tmp_path / "out" / study.jobs[0].name
+    folder.mkdir(parents=True)
+    (folder / "result.json").write_text(damaged)
+    with pytest.raises(StudyError, match="remove it"):
+        sweep(study, tmp_path / "out")
+
+
 @pytest.mark.usefixtures("own")
 def test_a_bad_study_leaves_nothing(small, tmp_path) -> None:
     assert cli.run(["sweep", str(small(tmp_path, "seeds = []"))]) == cli.BAD_INPUT

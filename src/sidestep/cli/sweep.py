@@ -61,7 +61,8 @@ def sweep(
         from sidestep.evaluation.tables import check_table_file, save_tables
         from sidestep.files import check_apart
 
-        check_apart(walks_out, [study], "walks_out")
+        files = {file for job in asked.jobs for file in job.scenario.place.files}
+        check_apart(walks_out, [study, *sorted(files)], "walks_out")
         check_table_file(walks_out, "walks_out")
     with sweeping(workers, scheduler) as (processes, on_jobs):
         found = run(asked, folder, workers=processes, scheduler=scheduler, on_jobs=on_jobs)

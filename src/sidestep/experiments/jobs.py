@@ -57,7 +57,11 @@ def check_job(job: Job, out: Path) -> bool:
 
 def read_result(job: Job, out: Path) -> Result | None:
     """What a job's result is, if there is one."""
-    return _read(out / job.name / RESULT)
+    path = out / job.name / RESULT
+    found = _read(path)
+    if found is not None and not isinstance(found.get("records"), dict):
+        raise StudyError(f"cannot read {path}: it has no records of walks; remove it, and its job is done again")
+    return found
 
 
 def run_job(job: Job, out: Path) -> Result:
@@ -138,14 +142,17 @@ def _took(model: Model, folder: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> Any:
-    """What a file of JSON says; None where there is none."""
+    """What an object of JSON in a file says; None where there is no file."""
     try:
-        return json.loads(path.read_bytes())
+        found = json.loads(path.read_bytes())
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
         said = reason(error) if isinstance(error, OSError) else "it is no JSON"
         raise StudyError(f"cannot read {path}: {said}; remove it, and its job is done again") from error
+    if not isinstance(found, dict):
+        raise StudyError(f"cannot read {path}: it is no object of JSON; remove it, and its job is done again")
+    return found
 
 
 def records_of(result: Result, label: str = AGENT) -> dict[str, Record]:

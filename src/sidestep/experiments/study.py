@@ -263,7 +263,10 @@ def _add(jobs: dict[str, Job], job: Job) -> None:
         return
     for name, values in differences(there.to_json(), job.to_json()).items():
         both = " and ".join(map(shown, values))
-        sentence = f"{job.name} is asked for twice, with {name} {both}; make {name.rpartition('.')[2]} a list"
+        field = name.rpartition(".")[2]
+        # In a list, a setting is in the job's name; there are no lists of walks.
+        remedy = "ask for the same in all grids" if field == "walks" else f"make {field} a list"
+        sentence = f"{job.name} is asked for twice, with {name} {both}; {remedy}"
         raise _Mistake(("grids",), sentence)
     if job.agent is None:
         planners = tuple(dict.fromkeys((*there.planners, *job.planners)))

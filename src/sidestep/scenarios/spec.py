@@ -78,7 +78,7 @@ class Spec(BaseModel, metaclass=_Refusing):
         """What messages call it."""
         return _in_words(type(self))
 
-    def changed(self, **changes: object) -> Self:
+    def changed(self, /, **changes: object) -> Self:
         """The same with other values, validated again.
 
         Parameters
