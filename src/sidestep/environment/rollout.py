@@ -94,11 +94,11 @@ def walk(
     Walk
         How it went.
     """
-    begun = set_out(params, instance, trace, past, remembers=remember is not None)
+    begun = depart(params, instance, trace, past, remembers=remember is not None)
     return ended(params, walk_on(params, decide, begun, key, remember))
 
 
-def set_out(
+def depart(
     params: EnvParams, instance: Instance, trace: int = 0, past: Past | None = None, *, remembers: bool = False
 ) -> UnderWay:
     """A walk that has not begun yet; the parameters are those of :func:`walk`."""

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 from sidestep.arguments import COUNT, checked, instance
 from sidestep.environment.cost_to_go import check_known
 from sidestep.environment.dynamics import random_exit
-from sidestep.environment.rollout import Decide, Past, Remember, UnderWay, Walk, ended, set_out, walk, walk_on
+from sidestep.environment.rollout import Decide, Past, Remember, UnderWay, Walk, depart, ended, walk, walk_on
 from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
 from sidestep.errors import SidestepError
 from sidestep.programs import over_devices, program
@@ -269,9 +269,9 @@ class _Standing(NamedTuple):
 
 
 @program("trace", "remembers")
-def _set_out(params: EnvParams, instances: Instance, past: Past | None, *, trace: int, remembers: bool) -> _Standing:
+def _depart(params: EnvParams, instances: Instance, past: Past | None, *, trace: int, remembers: bool) -> _Standing:
     params = replace(params, level="position")  # nothing is seen yet
-    begun = jax.vmap(lambda instance: set_out(params, instance, trace, past, remembers=remembers))(instances)
+    begun = jax.vmap(lambda instance: depart(params, instance, trace, past, remembers=remembers))(instances)
     return _Standing.of(params, begun)
 
 
@@ -345,7 +345,7 @@ def walk_plan(
     if see is None:
         check_known(params, instances, planner.observes)
         return _walk_all(decide, remember, params, plan, instances, key, trace, level, past, alike=alike)
-    now = _set_out(params, instances, past, trace=trace, remembers=remember is not None)
+    now = _depart(params, instances, past, trace=trace, remembers=remember is not None)
     while (wanted := np.asarray(now.wanted)).any():
         there = see(int(now.slot), wanted)
         check_known(there, instances, planner.observes)
