@@ -110,6 +110,7 @@ def test_scenario_files_are_looked_for_from_the_study(study, tmp_path) -> None:
         ("scenarios = 'unseen-maps'\nmaps = [0, 1]\n", "maps", 2),
         ("scenarios = 'unseen-maps'\n[settings]\nplaces = 4\n", "settings.places", 3),
         (SMALL + "planners = ['snapshto']\n", "planners", 4),
+        (SMALL + f"[variants.{'x' * 250}]\ngamma = 0.5\n", "scenarios", 1),
         (SMALL + "planners = 'darp'\n", "planners", 4),
         (SMALL.replace("walks = 5", "walks = 0"), "walks", 3),
         (SMALL + "[settings]\n\nrouns = 3\n", "settings.rouns", 6),

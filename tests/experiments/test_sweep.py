@@ -5,6 +5,7 @@ import os
 import random
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.trainings import student_interval
 from sidestep.experiments import pool
-from sidestep.experiments.jobs import LOCK
+from sidestep.experiments.jobs import JOB, LOCK, check_job
 from sidestep.experiments.study import StudyError, read_study
 from sidestep.experiments.sweep import Swept, check_baseline, sweep
 from sidestep.files import only_one
@@ -235,13 +236,32 @@ def test_what_the_command_writes(small, tmp_path, capsys) -> None:
     assert "darp" in capsys.readouterr().out
 
 
-def test_walks_are_not_written_over_the_counts_of_a_scenario(tmp_path, capsys) -> None:
+@pytest.fixture
+def town(tmp_path) -> tuple[Path, Path]:
+    """A study of a town with counts of its own, and these."""
     counts = tmp_path / "counts.csv"
     hours = pd.date_range("2023-01-01", "2026-01-01", freq="h", tz="Europe/Helsinki").tz_localize(None).unique()
     pd.DataFrame({"time": hours, "Gate": 100 + hours.hour}).to_csv(counts, index=False)
     (tmp_path / "town.toml").write_text("[place]\nstreets = 'helsinki'\n[place.crowd_source]\nfile = 'counts.csv'\n")
     study = tmp_path / "study.toml"
     study.write_text("scenarios = 'town.toml'\nlevels = 'map'\n")
+    return study, counts
+
+
+def test_jobs_by_other_counts_of_the_same_name_are_refused(town, tmp_path) -> None:
+    (study, counts), out = town, tmp_path / "out"
+    job = read_study(study).jobs[0]
+    (out / job.name).mkdir(parents=True)
+    (out / job.name / JOB).write_text(json.dumps(job.to_json()))
+    assert not check_job(job, out)
+    counts.write_text(counts.read_text().replace(",100", ",101"))
+    with pytest.raises(StudyError) as refused:
+        check_job(job, out)
+    assert refused.value.field == f"contents of {counts}"
+
+
+def test_walks_are_not_written_over_the_counts_of_a_scenario(town, tmp_path, capsys) -> None:
+    study, counts = town
     before = counts.read_bytes()
     assert cli.run(["sweep", str(study), "--walks-out", str(counts), "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
     assert "counts.csv, which is read" in capsys.readouterr().err

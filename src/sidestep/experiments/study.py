@@ -4,6 +4,7 @@ A study is a grid, or several grids: every combination of its lists is one train
 list of jobs, each of which can be done by itself, anywhere.
 """
 
+import hashlib
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -20,6 +21,7 @@ from sidestep.agent.presets import Preset, preset_for
 from sidestep.arguments import MOST_COUNTED, MOST_WHOLE, PATH, checked
 from sidestep.environment.types import Information
 from sidestep.errors import SidestepError
+from sidestep.files import cached_by_files
 from sidestep.planners.registry import BASELINE, BOUND, REFERENCE, choose_planners, find_planner, planner_infos
 from sidestep.scenarios.builtin import BUILT_IN
 from sidestep.scenarios.model import Scenario
@@ -29,6 +31,7 @@ from sidestep.scenarios.toml_files import read_toml, refusal
 from sidestep.scenarios.values import distinct, rule
 
 MOST_JOBS = 100_000
+LONGEST_NAME = 255  # bytes, of most file systems
 AGENT = "darp"
 """What tables call the agents."""
 _SPAN = re.compile(r"(\d{1,9})-(\d{1,9})")
@@ -156,7 +159,17 @@ class Job:
     def to_json(self) -> dict[str, Any]:
         """All that its result depends on, by name."""
         config = None if self.agent is None else self.agent.config
-        return {**settings_by_name(self.scenario, self.seed, self.map, config), "walks": self.walks}
+        files = {f"contents of {file}": _digest(file) for file in self.scenario.place.files}
+        return {**settings_by_name(self.scenario, self.seed, self.map, config), "walks": self.walks, **files}
+
+
+@cached_by_files(lambda file: (file,), most=64)
+def _digest(file: str) -> str | None:
+    """What a file of streets or counts holds, in a few letters; None where it is missing, as some may be."""
+    try:
+        return hashlib.blake2b(Path(file).read_bytes(), digest_size=8).hexdigest()
+    except OSError:
+        return None
 
 
 @dataclass(frozen=True)
@@ -257,6 +270,9 @@ class _Mistake(Exception):  # noqa: N818 - it becomes a StudyError
 
 def _add(jobs: dict[str, Job], job: Job) -> None:
     """Take a job, or the planners of one that is there: grids may share maps."""
+    if len(job.name.encode()) > LONGEST_NAME:
+        sentence = f"the folder of a job would have a name of more than {LONGEST_NAME} bytes, {job.name:.60}…"
+        raise _Mistake(("scenarios",), f"{sentence}; choose shorter names of scenarios and variants, or fewer lists")
     there = jobs.get(job.name)
     if there is None:
         jobs[job.name] = job
