@@ -324,6 +324,10 @@ def test_results_are_kept_as_long_as_there_is_room():
     assert kept(whole, 3).tolist() == (3 * whole).tolist()
     assert source.calls == 6
     assert Kept(source, 15)(one, 3).tolist() == [3, 3, 3, 3]  # more than there is room for
+    programs.clear_caches()
+    assert kept.bytes == 0
+    kept(whole, 3)
+    assert source.calls == 8
 
 
 def test_of_small_results_few_are_kept(monkeypatch):

@@ -57,6 +57,7 @@ counts: Counter[tuple[str, str]] = Counter()
 
 
 _programs: "WeakSet[Program[Any, Any]]" = WeakSet()
+_keeping: "WeakSet[Kept[Any, Any]]" = WeakSet()
 
 
 class Program(Generic[P, Made]):
@@ -176,6 +177,7 @@ class Kept(Generic[P, Made]):
         self._lock = threading.Lock()
         self.bytes = 0
         """Of all results that are kept now."""
+        _keeping.add(self)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Made:
         key = self._program.told_apart(*args, **kwargs)
@@ -193,6 +195,12 @@ class Kept(Generic[P, Made]):
                     self.bytes -= bytes_of(self._results.popitem(last=False)[1])
         return made
 
+    def clear(self) -> None:
+        """Keep none any longer."""
+        with self._lock:
+            self._results.clear()
+            self.bytes = 0
+
 
 def bytes_of(tree: Any) -> int:
     """Bytes of the arrays of a tree, or of those that shapes and types stand for."""
@@ -200,9 +208,11 @@ def bytes_of(tree: Any) -> int:
 
 
 def clear_caches() -> None:
-    """Forget all programs in memory, as :func:`jax.clear_caches` does with what JAX compiled."""
+    """Forget all programs in memory and their results, as :func:`jax.clear_caches` does with what JAX compiled."""
     for each in _programs:
         each._variants.clear()  # noqa: SLF001 - of this module
+    for kept in _keeping:
+        kept.clear()
 
 
 def on_device(values: ArrayLike, dtype: type[np.generic] = np.float32) -> jax.Array:
