@@ -26,8 +26,8 @@ Result = dict[str, Any]
 ``rounds``, ``seconds`` and rates, as its metrics have them, and ``best_minutes``."""
 
 
-def check_job(job: Job, out: Path) -> bool:
-    """Whether a job is done.
+def check_job(job: Job, out: Path) -> Result | None:
+    """Read what a job has found so far, and make sure that it was begun with the same settings.
 
     Parameters
     ----------
@@ -38,30 +38,29 @@ def check_job(job: Job, out: Path) -> bool:
 
     Returns
     -------
-    bool
-        False also for planners' walks of which some are missing.
+    Result or None
+        None where there is no result. :func:`is_done` tells whether it has all that is asked for.
 
     Raises
     ------
     StudyError
-        A job of this name was begun there that differs; its field is the setting.
+        A job of this name was begun there that differs; its field is the setting. Or a file is damaged.
     """
     before = _read(out / job.name / JOB)
     changed = {} if before is None else differences(before, job.to_json())
     for name, (old, new) in changed.items():
         said = f"{out / job.name} has {name} {shown(old)}, not {shown(new)}"
         raise StudyError(f"{said}; ask for the same, or choose another folder with --out", field=name)
-    done = read_result(job, out)
-    return done is not None and done["records"].keys() >= set(job.planner_names)
-
-
-def read_result(job: Job, out: Path) -> Result | None:
-    """What a job's result is, if there is one."""
     path = out / job.name / RESULT
     found = _read(path)
     if found is not None and not isinstance(found.get("records"), dict):
         raise StudyError(f"cannot read {path}: it has no records of walks; remove it, and its job is done again")
     return found
+
+
+def is_done(job: Job, result: Result | None) -> bool:
+    """Whether a result has all that a job asks for: of planners' walks some may be missing."""
+    return result is not None and result["records"].keys() >= set(job.planner_names)
 
 
 def run_job(job: Job, out: Path) -> Result:
@@ -84,10 +83,10 @@ def run_job(job: Job, out: Path) -> Result:
     SidestepError
         What is asked for can't be trained or walked, or the folder can't be written to.
     """
-    done = check_job(job, out)
-    result = read_result(job, out) or {"records": {}}
-    if done:
-        return result
+    before = check_job(job, out)
+    if before is not None and is_done(job, before):
+        return before
+    result = before or {"records": {}}
     folder = output_folder(out / job.name)
     remove_unfinished(folder, "*")
     write_text(folder / JOB, json.dumps(job.to_json()) + "\n")

@@ -36,14 +36,9 @@ class Ended:
     """Why it failed, in one sentence."""
 
 
-def one_thread() -> None:
-    """Let XLA have one thread in this process, which has not computed anything yet: workers share the processors."""
-    os.environ.setdefault("PJRT_NPROC", "1")
-
-
 def start_worker() -> None:
-    """Set this process up for jobs."""
-    one_thread()
+    """Set this process up for jobs; it has not computed anything yet."""
+    os.environ.setdefault("PJRT_NPROC", "1")  # one thread of XLA: workers share the processors
     # On a GPU the first worker would take most of the memory for itself.
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     keep_compiled()

@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -286,7 +286,7 @@ def _add(jobs: dict[str, Job], job: Job) -> None:
         raise _Mistake(("grids",), sentence)
     if job.agent is None:
         planners = tuple(dict.fromkeys((*there.planners, *job.planners)))
-        jobs[job.name] = Job(**{**vars(job), "planners": planners})
+        jobs[job.name] = replace(job, planners=planners)
 
 
 class _Grid:

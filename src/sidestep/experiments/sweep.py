@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import Comparison
 from sidestep.evaluation.trainings import over_trainings
-from sidestep.experiments.jobs import LOCK, Result, check_job, read_result, records_of
+from sidestep.experiments.jobs import LOCK, Result, check_job, is_done, records_of
 from sidestep.experiments.pool import Ended, run_locally
 from sidestep.experiments.study import Job, Study, StudyError, labels
 from sidestep.files import append, only_one, output_folder
@@ -156,8 +156,9 @@ def sweep(
         token = secrets.token_hex()
         lock.truncate(0)
         append(lock, token.encode())
-        todo = [job for job in study.jobs if not check_job(job, out)]
-        results = {job.name: result for job in study.jobs if (result := read_result(job, out)) is not None}
+        before = {job.name: check_job(job, out) for job in study.jobs}
+        todo = [job for job in study.jobs if not is_done(job, before[job.name])]
+        results = {name: result for name, result in before.items() if result is not None}
         if scheduler is None:
             ending = run_locally(todo, out, min(workers, len(todo)))
         else:
