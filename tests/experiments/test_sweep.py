@@ -17,7 +17,8 @@ from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.trainings import student_interval
 from sidestep.experiments import pool
-from sidestep.experiments.jobs import JOB, LOCK, check_job
+from sidestep.experiments.folders import JOB, LOCK
+from sidestep.experiments.jobs import check_job
 from sidestep.experiments.study import StudyError, read_study
 from sidestep.experiments.sweep import Swept, check_baseline, sweep
 from sidestep.files import only_one

@@ -85,7 +85,7 @@ def read_run(folder: Path) -> RunFolder:
     CheckpointError
         The folder holds no training (field ``folder``).
     """
-    if not _holds_run(folder):
+    if not holds_training(folder):
         raise CheckpointError(f"no training in {folder}: sidestep runs lists those there are", field="folder")
     running, metadata, error = False, None, None
     metrics: Sequence[RoundMetrics] = ()
@@ -126,10 +126,11 @@ def find_runs(folder: Path) -> list[RunFolder]:
     found = []
     for path, below, _ in os.walk(folder):
         below[:] = [name for name in below if not name.startswith(".")]
-        if _holds_run(Path(path)):
+        if holds_training(Path(path)):
             found.append(Path(path))
     return [read_run(path) for path in sorted(found)]
 
 
-def _holds_run(folder: Path) -> bool:
+def holds_training(folder: Path) -> bool:
+    """Whether a folder is that of a training, whatever has been saved of it."""
     return bool(checkpoints(folder)) or any((folder / name).exists() for name in (METRICS, MODEL))

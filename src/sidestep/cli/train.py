@@ -104,9 +104,12 @@ def train(
     from sidestep.agent import runs
     from sidestep.agent.checkpoint import read_metadata
     from sidestep.agent.presets import preset_for
+    from sidestep.experiments.folders import check_no_sweep
     from sidestep.files import OutputError
     from sidestep.planners.time_dependent import least_minutes
 
+    if out is not None:
+        check_no_sweep(out)
     problem = options.read_scenario(scenario, changes)
     config = preset_for(problem, preset, level).changed(**options.changed_fields(settings))
     before = len(read_metadata(out).curve) if resume and out is not None else 0

@@ -9,7 +9,8 @@ from tempfile import TemporaryDirectory
 
 import sidestep
 from sidestep.errors import SidestepError
-from sidestep.experiments.jobs import LOCK, RESULT, Result, run_job
+from sidestep.experiments.folders import JOB, LOCK, RESULT
+from sidestep.experiments.jobs import Result, run_job
 from sidestep.experiments.pool import Ended, in_words, start_worker
 from sidestep.experiments.study import Job
 from sidestep.files import OutputError, only_one, output_folder, whole_file
@@ -17,7 +18,7 @@ from sidestep.files import OutputError, only_one, output_folder, whole_file
 PATIENCE = 10.0
 """Time in which a scheduler has to answer, s."""
 Files = dict[str, bytes]
-"""A job's files by name, the result last."""
+"""A job's files by name: first what was asked for, last the result."""
 
 
 def run_on_cluster(jobs: Sequence[Job], out: Path, address: str, token: str) -> Generator[Ended]:
@@ -95,7 +96,7 @@ def _run_anywhere(job: Job, out: Path, token: str, version: str) -> tuple[Result
             return run_job(job, out), {}
     with TemporaryDirectory() as folder:
         result = run_job(job, Path(folder))
-        files = sorted((Path(folder) / job.name).iterdir(), key=lambda file: file.name == RESULT)
+        files = sorted((Path(folder) / job.name).iterdir(), key=lambda file: (file.name == RESULT, file.name != JOB))
         return result, {file.name: file.read_bytes() for file in files}
 
 

@@ -7,20 +7,17 @@ from typing import Any
 from sidestep.agent.checkpoint import CheckpointError, Model, checkpoints, load_model, read_metadata
 from sidestep.agent.config import TrainConfig, differences
 from sidestep.agent.metrics import read_metrics
+from sidestep.agent.run_folders import holds_training
 from sidestep.agent.runs import train
 from sidestep.evaluation.compare import compare
 from sidestep.evaluation.metrics import Record
+from sidestep.experiments.folders import JOB, RESULT
 from sidestep.experiments.study import AGENT, Job, StudyError
 from sidestep.files import output_folder, reason, remove_unfinished, write_text
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import PlannerFactory, choose_planners
 from sidestep.scenarios.spec import shown
 
-LOCK = "sweep.lock"
-"""Held by the sweep that has a study's folder and, on clusters, by the worker that does a job."""
-JOB = "job.json"
-RESULT = "result.json"
-"""Written last: its job is done."""
 Result = dict[str, Any]
 """``records`` of walks by planner (:meth:`~sidestep.evaluation.metrics.Record.to_json`); what the training ``took``:
 ``rounds``, ``seconds`` and rates, as its metrics have them, and ``best_minutes``."""
@@ -44,9 +41,13 @@ def check_job(job: Job, out: Path) -> Result | None:
     Raises
     ------
     StudyError
-        A job of this name was begun there that differs; its field is the setting. Or a file is damaged.
+        A job of this name was begun there that differs; its field is the setting. Or its folder has a training that
+        is no job (field ``out``), or a file is damaged.
     """
     before = _read(out / job.name / JOB)
+    if before is None and holds_training(out / job.name):
+        said = f"{out / job.name} has a training that no sweep began; move it away, or choose another folder with --out"
+        raise StudyError(said, field="out")
     changed = {} if before is None else differences(before, job.to_json())
     for name, (old, new) in changed.items():
         said = f"{out / job.name} has {name} {shown(old)}, not {shown(new)}"

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import Comparison
 from sidestep.evaluation.trainings import over_trainings
-from sidestep.experiments.jobs import LOCK, Result, check_job, is_done, records_of
+from sidestep.experiments.folders import LOCK, study_folder
+from sidestep.experiments.jobs import Result, check_job, is_done, records_of
 from sidestep.experiments.pool import Ended, run_locally
 from sidestep.experiments.study import Job, Study, StudyError, labels
-from sidestep.files import append, only_one, output_folder
+from sidestep.files import append, only_one
 from sidestep.planners.registry import BASELINE
 
 if TYPE_CHECKING:
@@ -149,10 +150,10 @@ def sweep(
     OutputError
         The folder can't be written to; what is done stays.
     SidestepError
-        The scheduler does not answer (field ``scheduler``).
+        The scheduler does not answer (field ``scheduler``), or the folder is that of a training (field ``out``).
     """
     busy = StudyError(f"another sweep is at work in {out}; choose another folder with --out", field="out")
-    with only_one(output_folder(out) / LOCK, busy) as lock:
+    with only_one(study_folder(out) / LOCK, busy) as lock:
         token = secrets.token_hex()
         lock.truncate(0)
         append(lock, token.encode())
