@@ -64,10 +64,11 @@ from sidestep.errors import SidestepError
 from sidestep.evaluation.compare import Comparison, Results
 from sidestep.evaluation.metrics import join_records
 from sidestep.experiments import report
+from sidestep.experiments.folders import study_folder
 from sidestep.experiments.pool import Ended
 from sidestep.experiments.study import Job, Study, make_study
-from sidestep.experiments.sweep import Swept, sweep
-from sidestep.files import output_folder, write_text
+from sidestep.experiments.sweep import Swept, machines, sweep_on
+from sidestep.files import write_text
 from sidestep.planners.learned import Darp
 from sidestep.scenarios.model import Flows
 from sidestep.walking.crossing_time import CrossingRule
@@ -181,8 +182,10 @@ def reproduce(
     SidestepError
         A training or its walks failed, and all that a sweep refuses.
     """
-    study, folder = plan.study(rule), output_folder(out) / JOBS
-    swept = sweep(study, folder, workers=workers, scheduler=scheduler, on_jobs=on_jobs)
+    study, folder = plan.study(rule), out / JOBS
+    with machines(workers, scheduler) as run:
+        study_folder(out)
+        swept = sweep_on(run, study, folder, on_jobs)
     for job, error in swept.failed.items():
         more = f" ({len(swept.failed)} jobs failed)" if len(swept.failed) > 1 else ""
         raise SidestepError(f"{folder / job}: {error}{more}; the same command tries again")

@@ -1,10 +1,10 @@
 """A whole study: all its jobs that are not done yet, on this machine or a cluster, and what they tell together."""
 
 import secrets
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,9 @@ from sidestep.planners.registry import BASELINE
 
 if TYPE_CHECKING:
     from sidestep.evaluation.tables import WalkTable
+
+Run = Callable[[Sequence[Job], Path, str], Generator[Ended]]
+"""Does jobs in the folder of a study, whose lock file says something that no other folder's does."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +155,53 @@ def sweep(
     SidestepError
         The scheduler does not answer (field ``scheduler``), or the folder is that of a training (field ``out``).
     """
+    with machines(workers, scheduler) as run:
+        return sweep_on(run, study, out, on_jobs)
+
+
+@contextmanager
+def machines(workers: int, scheduler: str | None) -> Iterator[Run]:
+    """Those that do jobs; nothing need be written for a scheduler that does not answer.
+
+    Parameters
+    ----------
+    workers, scheduler
+        As for :func:`sweep`.
+
+    Yields
+    ------
+    Run
+        Does jobs on them.
+
+    Raises
+    ------
+    SidestepError
+        The scheduler does not answer (field ``scheduler``).
+    """
+    if scheduler is None:
+        yield lambda jobs, out, _token: run_locally(jobs, out, workers)
+        return
+    from sidestep.experiments.cluster import connected, run_on_cluster
+
+    with connected(scheduler) as client:
+        yield partial(run_on_cluster, client)
+
+
+def sweep_on(run: Run, study: Study, out: Path, on_jobs: Callable[[int], Callable[[Ended], None]]) -> Swept:
+    """Do all jobs of a study that are not done yet.
+
+    Parameters
+    ----------
+    run
+        Does them: one of :func:`machines`.
+    study, out, on_jobs
+        As for :func:`sweep`, also the errors.
+
+    Returns
+    -------
+    Swept
+        All results, also those that were there before.
+    """
     busy = StudyError(f"another sweep is at work in {out}; choose another folder with --out", field="out")
     with only_one(study_folder(out) / LOCK, busy) as lock:
         token = secrets.token_hex()
@@ -160,15 +210,9 @@ def sweep(
         before = {job.name: check_job(job, out) for job in study.jobs}
         todo = [job for job in study.jobs if not is_done(job, before[job.name])]
         results = {name: result for name, result in before.items() if result is not None}
-        if scheduler is None:
-            ending = run_locally(todo, out, min(workers, len(todo)))
-        else:
-            from sidestep.experiments.cluster import run_on_cluster
-
-            ending = run_on_cluster(todo, out, scheduler, token)
         failed: dict[str, str] = {}
         on_end = on_jobs(len(todo))
-        with closing(ending):
+        with closing(run(todo, out, token)) as ending:
             for ended in ending:
                 if ended.result is None:
                     failed[ended.job.name] = ended.error
