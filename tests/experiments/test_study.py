@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from sidestep.cli import app as cli
 from sidestep.experiments.study import Study, StudyError, StudyFile, labels, read_study
 
 ROOT = Path(__file__).parents[2]
@@ -116,6 +117,11 @@ def test_scenario_files_are_looked_for_from_the_study(study, tmp_path) -> None:
         (SMALL + "[settings]\n\nrouns = 3\n", "settings.rouns", 6),
         (SMALL + "[settings]\ngamma = [1.0, 1.5]\n", "settings.gamma", 5),
         (SMALL + "[settings]\ngamma = []\n", "settings.gamma", 5),
+        (SMALL + "[settings]\ngamma = [1, 0.5, 1.0]\n", "settings.gamma", 5),
+        (SMALL + "[settings]\ndouble = [true, true]\n", "settings.double", 5),
+        (SMALL + "[settings]\nhidden = [[8, 8], [8], [8, 8]]\n", "settings.hidden", 5),
+        ("scenarios = 'rush-16'\n[changes]\nside = [3, 4, 3]\n", "changes.side", 3),
+        (SMALL + "[variants.'']\ngamma = 0.5\n", "variants", 4),
         (SMALL + "[settings]\nself = 3\n", "settings.self", 5),
         (SMALL + "[settings]\nlevel = 'map'\n", "settings.level", 5),
         (SMALL + "[variants.a]\ngama = 1.0\n", "variants.a.gama", 5),
@@ -142,10 +148,25 @@ def test_what_to_do_about_a_job_that_is_asked_for_twice(study) -> None:
         assert str(error.value).endswith(remedy)
 
 
+@pytest.mark.parametrize("gamma", ["0.5", "0.4"])
+def test_variants_that_would_share_a_folder_are_both_named(study, gamma: str) -> None:
+    with pytest.raises(StudyError) as error:
+        study(SMALL + f"[variants.'a b']\ngamma = 0.5\n[variants.a-b]\ngamma = {gamma}\n")
+    assert "default_a b and " in str(error.value)
+    assert "default_a-b would" in str(error.value)
+    assert (error.value.field, error.value.line) == ("variants", 4)
+
+
 def test_all_mistakes_in_values_are_told_at_once(study) -> None:
     with pytest.raises(StudyError) as error:
         study("scenarios = 3\nwalks = 0\nunknown = 1\n")
     assert [each.field for each in (error.value, *error.value.others)] == ["scenarios", "walks", "unknown"]
+
+
+def test_reproduce_in_small_has_as_many_maps_as_asked(tmp_path, capsys) -> None:
+    command = ["reproduce", "--quick", "--maps", "200000", "--scheduler", "nowhere", "--out", str(tmp_path / "out")]
+    assert cli.run(command) == cli.BAD_INPUT
+    assert "jobs" in capsys.readouterr().err  # too many
 
 
 def test_no_file(tmp_path) -> None:

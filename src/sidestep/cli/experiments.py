@@ -42,7 +42,7 @@ def demo(*, out: options.Out = Path("demo"), seed: options.Seed = 0, as_json: op
 
 def reproduce(
     *,
-    maps: options.Whole = 100,
+    maps: options.Whole | None = None,
     quick: options.Flag = False,
     out: options.Out = Path("reproduction"),
     results_out: options.ResultsOut = None,
@@ -57,9 +57,9 @@ def reproduce(
     Parameters
     ----------
     maps
-        Number of maps in each condition.
+        Number of maps in each condition; 100 by default, 2 with --quick.
     quick
-        Run everything in small: 2 maps, 5 walks; too few maps to judge the claims.
+        Run everything in small, with 5 walks on each map; 2 maps are too few to judge the claims.
     """
     options.check_least(seed=seed, maps=maps, workers=workers)
     from sidestep.experiments.paper import QUICK, Plan
@@ -69,7 +69,9 @@ def reproduce(
         from sidestep.evaluation.tables import check_table_file
 
         check_table_file(results_out, "results_out")
-    plan, began = replace(QUICK, seed=seed) if quick else Plan(maps=maps, seed=seed), perf_counter()
+    plan, began = replace(QUICK if quick else Plan(), seed=seed), perf_counter()
+    if maps is not None:
+        plan = replace(plan, maps=maps)
     with sweeping(workers, scheduler) as (processes, on_jobs):
         results = run(plan, out, processes, on_jobs, rule, scheduler)
     if results_out is not None:

@@ -140,11 +140,15 @@ class Job:
         return " ".join([self.scenario.name, *map(_setting, self.changes)])
 
     @property
+    def title(self) -> str:
+        """All that tells it from other jobs, in the study's own words."""
+        who = "planners" if self.agent is None else self.agent.name
+        return "_".join([self.scenario.name, *map(_setting, self.changes), f"map-{self.map}", f"seed-{self.seed}", who])
+
+    @property
     def name(self) -> str:
         """Its folder: unique in a study, and the same whatever else the study asks for."""
-        who = "planners" if self.agent is None else self.agent.name
-        parts = [self.scenario.name, *map(_setting, self.changes), f"map-{self.map}", f"seed-{self.seed}", who]
-        return "_".join(_NOT_IN_NAMES.sub("-", part) for part in parts)
+        return _NOT_IN_NAMES.sub("-", self.title)
 
     @property
     def planner_names(self) -> list[str]:
@@ -277,6 +281,9 @@ def _add(jobs: dict[str, Job], job: Job) -> None:
     if there is None:
         jobs[job.name] = job
         return
+    if there.title != job.title:
+        sentence = f"{there.title} and {job.title} would have the same folder, {job.name}"
+        raise _Mistake(("variants" if job.agent else "scenarios",), f"{sentence}; rename one")
     for name, values in differences(there.to_json(), job.to_json()).items():
         both = " and ".join(map(shown, values))
         field = name.rpartition(".")[2]
@@ -357,6 +364,8 @@ class _Grid:
                         used.add(name)
                         found.append(Agent(changed, preset, name, listed))
         for name in self._table.variants:
+            if not name:
+                raise _Mistake(self._place("variants"), "a variant must have a name; '' is that of the plain agents")
             if name not in used:
                 raise _Mistake(self._place("variants", name), f"variants.{name} changes nothing")
         return found
@@ -377,6 +386,11 @@ class _Grid:
         for name, value in several.items():
             if not value:
                 raise _Mistake(self._place(key, name), f"{key}.{name} must have at least one value, not []")
+            for number, one in enumerate(value):
+                if one in value[:number]:  # 1 and 1.0 are one setting, and would be two folders
+                    both = f"{shown(value[value.index(one)])} and {shown(one)}"
+                    said = f"{key}.{name} must all be different, and {both} are the same; leave one out"
+                    raise _Mistake(self._place(key, name), said)
         for combination in product(*several.values()):
             listed = dict(zip(several, combination, strict=True))
             yield values | listed, tuple(listed.items())
