@@ -92,6 +92,29 @@ def test_a_model_without_its_checkpoints(trainings: Path, tmp_path: Path) -> Non
     assert (found.state, found.to_json()["rounds"], found.to_json()["seconds"]) == ("finished", 3, None)
 
 
+def test_a_training_whose_checkpoints_are_gone_says_that_it_is_over(trainings: Path, tmp_path: Path) -> None:
+    (tmp_path / "model.eqx").write_bytes((trainings / "done" / "model.eqx").read_bytes())
+    with pytest.raises(CheckpointError, match="over after 3 rounds") as caught:
+        train(PROBLEM, CONFIG, out=tmp_path, resume=True)
+    assert caught.value.field == "checkpoint"
+
+
+@pytest.mark.parametrize("left", ["header", "half", "all but a byte", "one byte more"])
+def test_a_training_is_not_finished_by_a_checkpoint_that_is_cut_short(
+    trainings: Path, tmp_path: Path, left: str
+) -> None:
+    for file in (trainings / "done").glob("*.eqx"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    latest, before = checkpoint.checkpoints(tmp_path)
+    whole = latest.read_bytes()
+    sizes = {"header": whole.index(b"\n") + 1, "half": len(whole) // 2, "all but a byte": len(whole) - 1}
+    latest.write_bytes(whole[: sizes[left]] if left in sizes else whole + b"\0")
+    found = read_run(tmp_path)
+    assert (found.state, found.to_json()["rounds"]) == ("interrupted", 1)
+    before.unlink()
+    assert read_run(tmp_path).state == "unreadable"
+
+
 def test_a_damaged_training_hides_no_other(trainings: Path, tmp_path: Path) -> None:
     (tmp_path / "checkpoint-1.eqx").write_bytes(b"{")
     (tmp_path / "other").symlink_to(trainings / "done")

@@ -1,6 +1,8 @@
 """Models and training runs on disk: a folder with what was learned, and with what it takes to go on to the bit."""
 
 import json
+import math
+import os
 import re
 import warnings
 from collections.abc import Callable, Sequence
@@ -9,7 +11,7 @@ from functools import partial
 from io import BytesIO
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Literal, TypeVar
+from typing import Any, BinaryIO, Literal, TypeVar
 
 import equinox as eqx
 import jax
@@ -34,6 +36,8 @@ MODEL_FORMATS = (5, FORMAT)
 """Formats of models that can be read: 6 packs the replay, of which a model has none."""
 _NUMBERED = re.compile(r"checkpoint-(\d+)\.eqx")
 Tree = TypeVar("Tree")
+Rest = Callable[[BinaryIO, "Metadata"], Tree]
+"""Reads what comes after the first line of a file."""
 
 
 class CheckpointError(SidestepError):
@@ -213,7 +217,7 @@ def load(folder: Path) -> Checkpoint:
         draws = uniform_draws(metadata.config, [], 0, start=True)
         return prepare.shapes(metadata.config, metadata.scenario, drawn, draws)[-1]
 
-    metadata, state, damaged = _read_latest(folder, template)
+    metadata, state, damaged = _read_latest(folder, _numbers(template))
     for error in damaged:
         said = f"{error}; going on from the checkpoint of round {len(metadata.curve)}"
         warnings.warn(said, SidestepWarning, stacklevel=2)
@@ -255,7 +259,7 @@ def load_model(folder: Path | str) -> Model:
             network = draw_training_map(scenario, metadata.seed, metadata.map).network
         return jax.eval_shape(partial(untrained, config, scenario), network, jax.random.key(0))
 
-    return Model(*_read(Path(folder) / MODEL, MODEL_FORMATS, template))
+    return Model(*_read(Path(folder) / MODEL, MODEL_FORMATS, _numbers(template)))
 
 
 def read_metadata(folder: Path) -> Metadata:
@@ -277,24 +281,46 @@ def read_metadata(folder: Path) -> Metadata:
         There is neither, or it cannot be read.
     """
     if not checkpoints(folder):
-        return _read(folder / MODEL, MODEL_FORMATS, lambda _: ())[0]
-    return _read_latest(folder, lambda _: ())[0]
+        return _read(folder / MODEL, MODEL_FORMATS, _pass_over)[0]
+    return _read_latest(folder, _pass_over)[0]
 
 
-def _read_latest(folder: Path, template: Callable[[Metadata], Tree]) -> tuple[Metadata, Tree, Sequence[DamagedError]]:
+def _numbers(template: Callable[[Metadata], Tree]) -> Rest[Tree]:
+    """Read the numbers of a file into a tree of such shapes."""
+    return lambda file, metadata: eqx.tree_deserialise_leaves(file, template(metadata))
+
+
+def _pass_over(file: BinaryIO, _metadata: Metadata) -> None:
+    """Pass over the arrays of a file, which costs little, to its very end: it may have been cut short."""
+    at, size = file.tell(), os.fstat(file.fileno()).st_size
+    while at == file.tell() or file.tell() < size:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
+        file.seek(math.prod(shape) * dtype.itemsize, os.SEEK_CUR)
+    if file.tell() > size:
+        raise EOFError(f"{file.tell() - size} bytes are missing")
+
+
+def _read_latest(folder: Path, rest: Rest[Tree]) -> tuple[Metadata, Tree, Sequence[DamagedError]]:
     """Read the latest checkpoint that is whole, and say which later ones are not."""
     damaged: list[DamagedError] = []
     for path in checkpoints(folder):
         try:
-            return *_read(path, (FORMAT,), template), damaged
+            return *_read(path, (FORMAT,), rest), damaged
         except DamagedError as error:
             damaged.append(error)
     if damaged:
         raise damaged[0]
-    raise CheckpointError(f"no training in {folder} that can go on: there is no checkpoint", field="checkpoint")
+    why = "there is no checkpoint"
+    if (folder / MODEL).exists():
+        model = _read(folder / MODEL, MODEL_FORMATS, _pass_over)[0]
+        done = f"is over after {len(model.curve)} rounds" if model.finished else f"has {len(model.curve)} rounds"
+        why = f"it {done} and has no checkpoints any more; use its model, or train anew and --overwrite it"
+    raise CheckpointError(f"no training in {folder} that can go on: {why}", field="checkpoint")
 
 
-def _read(path: Path, known: tuple[int, ...], template: Callable[[Metadata], Tree]) -> tuple[Metadata, Tree]:
+def _read(path: Path, known: tuple[int, ...], rest: Rest[Tree]) -> tuple[Metadata, Tree]:
     try:
         file = path.open("rb")
     except OSError as error:
@@ -305,7 +331,7 @@ def _read(path: Path, known: tuple[int, ...], template: Callable[[Metadata], Tre
         _check_format(path, header, known)
         try:
             metadata = Metadata.model_validate_json(header)
-            return metadata, eqx.tree_deserialise_leaves(file, template(metadata))
+            return metadata, rest(file, metadata)
         except ValidationError as error:
             place, said = faults(error, Metadata)[0]
             raise DamagedError(f"{path} is damaged: {said}", field=".".join(place)) from error
