@@ -14,7 +14,7 @@ from jaxtyping import Array, Int, Key
 
 from sidestep.arguments import COUNT, FUNCTION, INDEX, MINUTES, SEED, Rule, brief, checked, each
 from sidestep.environment.types import LEVELS, EnvParams, Instance
-from sidestep.evaluation.metrics import Record, Row, join_records, summarise
+from sidestep.evaluation.metrics import RESAMPLES, Record, Row, join_records, summarise
 from sidestep.planners.base import Planner, walk_plan
 from sidestep.planners.registry import A_NAME, BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
@@ -126,10 +126,6 @@ class Comparison:
         PlannerError
             The baseline, ``shortest-path`` or ``clairvoyant`` has not walked all maps (field ``baseline``).
         """
-        for name in (baseline, REFERENCE, BOUND):
-            if name not in self.records or self.records[name].maps < self.maps:
-                found = f"{name!r:.60} has not walked all of these maps"
-                raise PlannerError(f"{found}; choose it among the planners to compare", field="baseline")
         return {
             "scenario": self.scenario.name,
             "summary": self.scenario.summary,
@@ -142,8 +138,16 @@ class Comparison:
             "walker": walker_facts(self.scenario),
             "baseline": baseline,
             "by_minutes": by,
-            "planners": summarise(self.records, self.seed, by, baseline, self.scenario.horizon / 60),
+            "planners": self.rows(by, baseline),
         }
+
+    def rows(self, by: float | None = None, baseline: str = BASELINE, resamples: int = RESAMPLES) -> dict[str, Row]:
+        """Sum up each planner's walks, as :func:`~sidestep.evaluation.metrics.summarise` does."""
+        for name in (baseline, REFERENCE, BOUND):
+            if name not in self.records or self.records[name].maps < self.maps:
+                found = f"{name!r:.60} has not walked all of these maps"
+                raise PlannerError(f"{found}; choose it among the planners to compare", field="baseline")
+        return summarise(self.records, self.seed, by, baseline, self.scenario.horizon / 60, resamples)
 
 
 def _factories(value: Any) -> Factories:

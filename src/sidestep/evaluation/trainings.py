@@ -85,7 +85,8 @@ def over_trainings(compared: Sequence[Comparison], baseline: str = BASELINE) -> 
     PlannerError
         The baseline, ``shortest-path`` or ``clairvoyant`` has not walked everywhere (field ``baseline``).
     """
-    rows = mean_rows([each.to_json(baseline=baseline) for each in compared])
+    # Intervals are over trainings here: resamples of each one's walks would take minutes for thousands.
+    rows = mean_rows([{"planners": each.rows(baseline=baseline, resamples=1)} for each in compared])
     for name, row in rows.items():
         records = [each.records for each in compared if name in each.records]
         minutes, cost, other = (
