@@ -1,5 +1,7 @@
 """Whole walks, beside the same walk step by step."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,7 @@ from sidestep.environment.dynamics import random_exit, reset, step
 from sidestep.environment.rollout import Decide, walk
 from sidestep.environment.types import EnvParams, Instance, Observation
 from sidestep.network.graph import road_network
+from sidestep.walking.objective import WeightedObjective
 from sidestep.walking.speed_field import speed_field
 
 KEY = jax.random.key(0)
@@ -75,6 +78,28 @@ def test_a_walk_that_does_not_arrive_counts_as_the_horizon(steady, make_instance
     # to and fro between 0 and 2, 150 s each: the seventh step ends at 1050 s, and still the walk counts 1000
     walked = walk(steady, always([1, 1, 1, 0]), make_instance(departure=30.0), KEY)
     assert (bool(walked.arrived), int(walked.steps), float(walked.seconds)) == (False, 7, 1000)
+
+
+def test_a_walk_that_goes_round_is_not_walked_to_the_horizon(steady, make_instance) -> None:
+    to_and_fro, four_nodes = always([0, 1, 1, 0]), 4
+    walked = walk(steady, to_and_fro, make_instance(departure=30.0), KEY, by_node=True)
+    assert int(walked.steps) == four_nodes
+    assert (bool(walked.arrived), float(walked.seconds), float(walked.cost)) == (False, 1000, 1000)
+
+
+def test_a_walk_whose_every_metre_counts_goes_round_to_the_horizon(diamond, make_params, make_instance) -> None:
+    nobody_met = speed_field(jnp.ones((8, 2)), 300.0, jnp.zeros((8, 2)))
+    objective = WeightedObjective(time=0.0, distance=1.0)
+    by_metres = replace(make_params(diamond, nobody_met, horizon=1000), objective=objective)
+    walked = walk(by_metres, always([0, 1, 1, 0]), make_instance(departure=30.0), KEY, by_node=True)
+    # ten streets of 100 m, and the horizon since it did not arrive
+    assert (int(walked.steps), float(walked.cost)) == (10, 2000)
+
+
+def test_a_walk_past_every_node_arrives_before_it_counts_as_going_round(busy, make_instance) -> None:
+    exits = always([2, 2, 0, 0, 3, 3, 2, 2, 0])  # as above
+    walked = walk(busy, exits, make_instance(destination=8), KEY, by_node=True)
+    assert (bool(walked.arrived), int(walked.steps)) == (True, busy.network.nodes - 1)
 
 
 def test_a_short_trace_keeps_the_beginning(steady, make_instance) -> None:

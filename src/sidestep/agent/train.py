@@ -186,7 +186,8 @@ def train_round(
     q_network = _mean(config, state) if config.keep == "mean" else state.learner.q_network
     policy = deployed(config, problem.evaluated(config, q_network), problem.params.reward.unit_seconds)
     unused = jax.random.key(0)  # nothing is random in what has been learned
-    tests = jax.vmap(lambda test: walk(problem.params, policy, test, unused))
+    by_node = config.level == "position"  # where nothing else is seen
+    tests = jax.vmap(lambda test: walk(problem.params, policy, test, unused, by_node=by_node))
     tested = on_every_device(over_devices(tests, config.test_walks, in_axes=(0,))(problem.tests))
     minutes = tested.cost / 60
     mean = jnp.mean(minutes)

@@ -71,6 +71,8 @@ def walk(
     trace: int = 0,
     past: Past | None = None,
     remember: Remember | None = None,
+    *,
+    by_node: bool = False,
 ) -> Walk:
     """Walk until arrival or the horizon, deciding at every crossing.
 
@@ -88,6 +90,9 @@ def walk(
         What the walker brings along where the walk goes on from another.
     remember
         What to remember of every node, for walkers who decide by it.
+    by_node
+        Whether decisions depend on the node alone. A walk that comes back to a node then goes round for ever and, where
+        time is all that counts, is not walked to the horizon.
 
     Returns
     -------
@@ -95,7 +100,8 @@ def walk(
         How it went.
     """
     begun = depart(params, instance, trace, past, remembers=remember is not None)
-    return ended(params, walk_on(params, decide, begun, key, remember))
+    most = params.network.nodes if by_node and not params.objective.needs_density else None
+    return ended(params, walk_on(params, decide, begun, key, remember, most=most))
 
 
 def depart(
@@ -121,6 +127,7 @@ def walk_on(
     key: Key[Array, ""],
     remember: Remember | None = None,
     slot: Int[Array, ""] | None = None,
+    most: int | None = None,
 ) -> UnderWay:
     """Go on with a walk until it is over.
 
@@ -132,18 +139,21 @@ def walk_on(
         The walk.
     slot
         Decide only at crossings that are reached in this slot, or in an earlier one.
+    most
+        Segments after which a walk that is not over does not go on.
 
     Returns
     -------
     UnderWay
-        The walk, over or in a later slot.
+        The walk, over, in a later slot, or of so many segments.
     """
     speeds, trace = params.futures.speeds, len(under_way.walk.segments)
 
     def goes_on(carry: UnderWay) -> Bool[Array, ""]:
-        if slot is None:
-            return ~carry.over
-        return ~carry.over & (slot_at(carry.state.clock, speeds.slot_seconds, speeds.slots) <= slot)
+        goes = ~carry.over
+        if slot is not None:
+            goes &= slot_at(carry.state.clock, speeds.slot_seconds, speeds.slots) <= slot
+        return goes if most is None else goes & (carry.state.steps < most)
 
     def onward(carry: UnderWay) -> UnderWay:
         before, so_far = carry.state, carry.walk
