@@ -108,3 +108,11 @@ def test_whole_numbers_serve_as_numbers() -> None:
 @pytest.mark.parametrize("config", [DEFAULT, MAP.changed(correction_margin_seconds=3.0)])
 def test_there_and_back_through_json(config: TrainConfig) -> None:
     assert TrainConfig.model_validate_json(config.model_dump_json()) == config
+
+
+@pytest.mark.parametrize(
+    ("iterations", "period", "span"), [(1_000, 200, 200), (40, 1, 1), (1_000, 300, 100), (10, 25, 5), (7, 5, 1)]
+)
+def test_rounds_divide_by_spans_that_end_where_the_target_moves(iterations: int, period: int, span: int) -> None:
+    config = PRESETS["paper"].changed(round_steps=iterations, target_period=period)
+    assert config.span == span

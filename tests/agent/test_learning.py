@@ -10,7 +10,7 @@ import pytest
 
 from sidestep.agent.acting import Transition
 from sidestep.agent.layers import Linear
-from sidestep.agent.learning import Optimiser, learn, optimiser, start_learner, td_error
+from sidestep.agent.learning import Optimiser, learn, move_target, optimiser, start_learner, td_error
 from sidestep.agent.presets import PRESETS
 from sidestep.agent.q_networks import DuelingQNetwork, QTable
 from sidestep.agent.replay import add, empty_replay
@@ -103,11 +103,12 @@ def test_one_step_on_a_table_by_hand() -> None:
     # All of the batch is the one step whose error is 6 - 2 = 4. The gradient of its square is -2 * 4, the rate .25.
     config = PRESETS["tabular-q"].changed(learning_rate=0.25, learning_rate_end=0.25)
     learner = start_learner(config, QTable(jnp.array([[1.0, 2.0], [3.0, 4.0]])))
-    learner, replay, report = learn(config, learner, memory_of((0, 1, 6.0, 1)), jnp.int32(0), jnp.linspace(0, 0.99, 64))
+    learner, replay, report = learn(
+        config, learner, learner.target, memory_of((0, 1, 6.0, 1)), jnp.linspace(0, 0.99, 64)
+    )
     np.testing.assert_allclose(learner.q_network.q, [[1, 2 + 0.25 * 8], [3, 4]], rtol=1e-6)
     assert (float(report.loss), float(report.td_error), float(report.q)) == (16, 4, 2)
-    # A table's target is a copy, after every iteration. Without priorities all have priority 1.
-    np.testing.assert_array_equal(learner.target.q, learner.q_network.q)
+    # Without priorities all have priority 1.
     assert float(replay.priorities.total) == 1
 
 
@@ -115,9 +116,8 @@ def test_errors_become_priorities() -> None:
     config = PRESETS["tabular-q"].changed(alpha=0.5, beta=0.0, priority_floor=0.0)
     learner = start_learner(config, QTable(jnp.zeros((2, 2))))
     # Both steps are in the batch: errors 4 and -9 have priorities 2 and 3.
-    _, replay, report = learn(
-        config, learner, memory_of((0, 0, 4.0, 1), (1, 1, -9.0, 0)), jnp.int32(0), jnp.linspace(0, 0.99, 64)
-    )
+    steps = memory_of((0, 0, 4.0, 1), (1, 1, -9.0, 0))
+    _, replay, report = learn(config, learner, learner.target, steps, jnp.linspace(0, 0.99, 64))
     assert float(report.td_error) == pytest.approx(6.5)  # as large in the mean; half of the batch is of each
     assert replay.priorities.leaves[0, :2].tolist() == pytest.approx([2, 3])
 
@@ -126,7 +126,7 @@ def test_errors_become_priorities() -> None:
 def test_large_errors_count_in_proportion(huber: float, by_hand: float) -> None:
     config = PRESETS["tabular-q"].changed(huber=huber)
     learner = start_learner(config, QTable(jnp.zeros((2, 2))))
-    *_, report = learn(config, learner, memory_of((0, 1, 4.0, 1)), jnp.int32(0), jnp.linspace(0, 0.99, 64))
+    *_, report = learn(config, learner, learner.target, memory_of((0, 1, 4.0, 1)), jnp.linspace(0, 0.99, 64))
     # 4² = 16; beyond 1 it is 2 (4 - 1/2) = 7.
     assert float(report.loss) == pytest.approx(by_hand)
 
@@ -135,10 +135,8 @@ def test_large_errors_count_in_proportion(huber: float, by_hand: float) -> None:
 def test_the_target_follows_every_k_iterations(period: int, rate: float) -> None:
     config = PRESETS["tabular-q"].changed(target_period=period, target_rate=rate)
     target = QTable(jnp.array([[8.0, 8.0], [8.0, 8.0]]))
-    learner = replace(start_learner(config, QTable(jnp.zeros((2, 2)))), target=target)
-    for iteration in range(4):
-        after, *_ = learn(
-            config, learner, memory_of((0, 1, 6.0, 1)), jnp.int32(iteration), jnp.linspace(0, 0.99, config.batch)
-        )
-        moves = rate if (iteration + 1) % period == 0 else 0
-        np.testing.assert_allclose(after.target.q, moves * after.q_network.q + (1 - moves) * target.q, rtol=1e-6)
+    learner = replace(start_learner(config, QTable(jnp.array([[2.0, 4.0], [6.0, 0.0]]))), target=target)
+    for iteration in range(1, 5):
+        after = move_target(config, learner, jnp.int32(iteration))
+        moves = rate if iteration % period == 0 else 0
+        np.testing.assert_allclose(after.target.q, moves * learner.q_network.q + (1 - moves) * target.q, rtol=1e-6)

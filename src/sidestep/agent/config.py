@@ -166,6 +166,11 @@ class TrainConfig(Spec):
         return self.round_steps // self.walkers
 
     @property
+    def span(self) -> int:
+        """Gradient steps in a row, by which rounds divide, without a move of the target network between them."""
+        return math.gcd(self.iterations, self.target_period)
+
+    @property
     def rounds_before_mean(self) -> int:
         """Rounds before the last quarter, of which the mean network is."""
         return self.rounds - math.ceil(self.rounds / 4)

@@ -4,6 +4,7 @@ Optax is imported where it is traced: programs that are read, not compiled, do w
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -83,21 +84,23 @@ def optimiser(config: TrainConfig) -> Optimiser:
 def learn(
     config: TrainConfig,
     learner: Learner,
+    target: QNetwork,
     replay: Replay[Transition],
-    iteration: Int[Array, ""],
     draws: Float[Array, " batch"],
     evaluated: Callable[[QNetwork], QNetwork] = lambda q_network: q_network,
 ) -> tuple[Learner, Replay[Transition], BatchReport]:
-    """Take one gradient step on a batch of the replay, and move the target network when its time has come.
+    """Take one gradient step on a batch of the replay.
 
     Parameters
     ----------
     config
         How to learn.
-    learner, replay
-        What has been learned, and what it is learned from.
-    iteration
-        Gradient steps that have been taken before.
+    learner
+        What has been learned.
+    target
+        Its target network, or the same function evaluated.
+    replay
+        What it is learned from.
     draws
         Uniform numbers that choose the batch.
     evaluated
@@ -106,7 +109,7 @@ def learn(
     Returns
     -------
     learner
-        After the step.
+        After the step, with the same target network.
     replay
         With new priorities.
     report
@@ -121,8 +124,7 @@ def learn(
     index, batch, weight = sample(replay, draws, config.beta)
 
     def loss(q_network: QNetwork) -> tuple[Float[Array, ""], tuple[Float[Array, " batch"], Float[Array, " batch"]]]:
-        online, target = map(evaluated, (q_network, learner.target))
-        error, value = jax.vmap(partial(td_error, config, online, target))(batch)
+        error, value = jax.vmap(partial(td_error, config, evaluated(q_network), target))(batch)
         # Twice the Huber loss is the square, as far as it goes.
         losses = 2 * optax.huber_loss(error, delta=config.huber) if config.huber else error**2
         return jnp.mean(weight * losses), (error, value)
@@ -133,10 +135,31 @@ def learn(
     structure = jax.tree.structure(jax.eval_shape(begin, learner.q_network))
     change, state = update(gradient, jax.tree.unflatten(structure, learner.optimiser))
     q_network = optax.apply_updates(learner.q_network, change)
-    rate = jnp.where((iteration + 1) % config.target_period == 0, config.target_rate, 0.0)
-    target = optax.incremental_update(q_network, learner.target, rate)
     report = BatchReport(mean_loss, jnp.mean(jnp.abs(error)), jnp.mean(value))
-    return Learner(q_network, target, tuple(jax.tree.leaves(state))), replay, report
+    return Learner(q_network, learner.target, tuple(jax.tree.leaves(state))), replay, report
+
+
+def move_target(config: TrainConfig, learner: Learner, iteration: Int[Array, ""]) -> Learner:
+    """Move the target network to the online network, if its time has come.
+
+    Parameters
+    ----------
+    config
+        When, and how far.
+    learner
+        What has been learned.
+    iteration
+        Gradient steps that have been taken so far.
+
+    Returns
+    -------
+    Learner
+        With the target network of the next gradient step.
+    """
+    import optax
+
+    rate = jnp.where(iteration % config.target_period == 0, config.target_rate, 0.0)
+    return replace(learner, target=optax.incremental_update(learner.q_network, learner.target, rate))
 
 
 def td_error(

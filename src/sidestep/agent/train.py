@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.agent.acting import ACTING_DRAWS, Transition, Walkers, act, epsilon, place_walkers
 from sidestep.agent.config import TrainConfig
-from sidestep.agent.learning import BatchReport, Learner, learn, start_learner
+from sidestep.agent.learning import BatchReport, Learner, learn, move_target, start_learner
 from sidestep.agent.policy import Policy, deployed
 from sidestep.agent.problem import Problem, pose, renewed
 from sidestep.agent.q_networks import QNetwork, untrained
@@ -182,7 +182,8 @@ def train_round(
     ----------
     Algorithm 1 of the paper, with its branches in order: terminal transitions do not bootstrap.
     """
-    state, steps = jax.lax.scan(partial(_iterate, config, problem), state, draws)
+    spans = draws.reshape(-1, config.span, draws.shape[1])
+    state, steps = jax.lax.scan(partial(_between_moves, config, problem), state, spans)
     q_network = _mean(config, state) if config.keep == "mean" else state.learner.q_network
     policy = deployed(config, problem.evaluated(config, q_network), problem.params.reward.unit_seconds)
     unused = jax.random.key(0)  # nothing is random in what has been learned
@@ -205,8 +206,17 @@ def _mean(config: TrainConfig, state: TrainState) -> QNetwork:
     return jax.tree.map(lambda new, mean: share * new + (1 - share) * mean, state.learner.q_network, state.kept)
 
 
+def _between_moves(
+    config: TrainConfig, problem: Problem, state: TrainState, draws: Float[Array, "iteration draw"]
+) -> tuple[TrainState, BatchReport]:
+    """A span of iterations, for all of which the target network is evaluated once, and then its move."""
+    target = problem.evaluated(config, state.learner.target)
+    state, steps = jax.lax.scan(partial(_iterate, config, problem, target), state, draws)
+    return replace(state, learner=move_target(config, state.learner, state.iteration)), steps
+
+
 def _iterate(
-    config: TrainConfig, problem: Problem, state: TrainState, draws: Float[Array, " draw"]
+    config: TrainConfig, problem: Problem, target: QNetwork, state: TrainState, draws: Float[Array, " draw"]
 ) -> tuple[TrainState, BatchReport]:
     """One step of every walker and one gradient step."""
     # All devices learn the same from the whole batch: were it divided, gradients would add up in another order.
@@ -216,5 +226,5 @@ def _iterate(
     policy = Policy(evaluated(state.learner.q_network))
     walkers, transitions = act(config, problem, policy, state.walkers, state.iteration, for_walkers)
     replay = add(state.replay, on_every_device(transitions), config.walkers)
-    learner, replay, report = learn(config, state.learner, replay, state.iteration, for_batch, evaluated)
+    learner, replay, report = learn(config, state.learner, target, replay, for_batch, evaluated)
     return TrainState(learner, replay, walkers, state.iteration + 1, state.kept, state.best_minutes), report
