@@ -48,6 +48,8 @@ def q_learning(
     Eqs. 16 and 17 of the paper; Mnih et al. 2015, "Human-level control through deep reinforcement learning"; van
     Hasselt et al. 2016, "Deep reinforcement learning with double Q-learning".
     """
-    value_t = q_t[jnp.argmax(mask(selector_t, valid_t))]
+    # A sum of one number: of a batch it is quicker than to look the numbers up.
+    best_t = jnp.arange(q_t.shape[0]) == jnp.argmax(mask(selector_t, valid_t))
+    value_t = jnp.sum(q_t, where=best_t)
     # Without a valid exit the value is that of exit 0 and means nothing; only where episodes end may that be so.
     return r_t + jnp.where(discount_t > 0, discount_t * value_t, 0.0) - q_tm1[a_tm1]
