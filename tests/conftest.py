@@ -15,7 +15,8 @@ os.environ.setdefault("SIDESTEP_CACHE", "")
 # Most programs of tests run once, so what counts is how fast they compile. `make coverage` and `make stress` compile
 # as users do, with 0 and no flags. XLA refuses flags that it does not know, should a later one drop this.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+# Of the 32 parts that code is made in, each repeats some of the others' work.
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1")
 # pytest-xdist tells its processes how wide the terminal is, for which commands would wrap what they print.
 os.environ.pop("COLUMNS", None)
 
@@ -63,12 +64,12 @@ MakeInstance = Callable[..., Instance]
 
 
 def full() -> bool:
-    """Say whether this process holds more than a gigabyte; where the system does not tell, it may."""
+    """Say whether this process holds more than 1.5 GiB; where the system does not tell, it may."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except OSError:
         return True
-    return pages * os.sysconf("SC_PAGE_SIZE") > 2**30
+    return pages * os.sysconf("SC_PAGE_SIZE") > 3 * 2**29
 
 
 @pytest.fixture(scope="session")
