@@ -8,7 +8,7 @@ import pytest
 
 from sidestep.evaluation import compare as comparing
 from sidestep.evaluation.compare import Comparison, compare
-from sidestep.planners.base import routes, walk_plan
+from sidestep.planners.base import Planned, routes, walk_plan
 from sidestep.planners.random import RandomWalk
 from sidestep.planners.registry import PlannerError, PlannerFactory, choose_planners, find_planner
 from sidestep.planners.shortest_path import ShortestPath
@@ -16,6 +16,7 @@ from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import draw_map, purpose_key
+from sidestep.scenarios.model import ObjectiveSpec, Scenario
 
 # Twelve slots; a random walk often needs more than the hour.
 TINY = scenario("paper-congested", side=3, crowded_nodes=1, horizon=3600.0)
@@ -286,6 +287,62 @@ def test_planners_plan_once() -> None:
     result = compare(TINY, chosen() | {"counted": lambda *_: once}, maps=(0, 1), walks=3)
     assert once.plans == 2  # one on each map
     assert result.records["counted"].minutes.tolist() == result.records["shortest-path"].minutes.tolist()
+
+
+LONG = TINY.changed(horizon=6 * 3600.0)
+
+
+def test_of_long_days_what_plans_do_not_get_to_is_not_worked_out(monkeypatch) -> None:
+    planners, made, minutes = choose_planners(LONG, ["random-walk"]).factories, [], []
+
+    def noted(*args, **kwargs):
+        params = make_environment(*args, **kwargs)
+        made.append(params.expected.known_until)
+        return params
+
+    monkeypatch.setattr(comparing, "make_environment", noted)
+    for first in (3 * 3600.0, 1200.0, 4 * 3600.0):
+        monkeypatch.setattr(comparing, "FIRST_SECONDS", first)
+        records = compare(LONG, planners, maps=(1,), walks=3).records
+        minutes.append({name: record.minutes.tolist() for name, record in records.items()})
+    assert minutes[0] == minutes[1] == minutes[2]
+    enough, too_few, for_these, whole = made
+    assert 3600.0 < enough < 3 * 3600.0
+    assert too_few < 1200.0
+    assert for_these == whole == np.inf
+
+
+@pytest.mark.parametrize(
+    ("scenario", "names", "first"),
+    [
+        (LONG, [], 36),
+        (LONG, ["greedy-map"], None),  # it looks at costs to go
+        (LONG, ["straight-on"], None),  # it may look at anything
+        (LONG.changed(objective=ObjectiveSpec(exposure=1.0)), [], None),  # plans begin with the last slot
+        (TINY, [], None),
+    ],
+)
+def test_what_is_expected_first(monkeypatch, scenario: Scenario, names: list[str], first: int | None) -> None:
+    class EnoughError(Exception):
+        pass
+
+    class StraightOn(Planned):
+        name, level = "straight-on", "map"
+
+        def plan(self, *_args):
+            raise AssertionError
+
+    def noted(*_args, **_kwargs):
+        raise EnoughError
+
+    slots = []
+    monkeypatch.setattr(comparing, "expected_pace", lambda *args: slots.append(args[-1]))
+    monkeypatch.setattr(comparing, "make_environment", noted)
+    known = choose_planners(scenario, [name for name in names if name != StraightOn.name]).factories
+    planners = known | ({StraightOn.name: lambda *_: StraightOn()} if StraightOn.name in names else {})
+    with pytest.raises(EnoughError):
+        compare(scenario, planners, maps=(0,), walks=3)
+    assert slots == ([] if first is None else [first])
 
 
 @pytest.mark.usefixtures("found")

@@ -1,9 +1,12 @@
 """Expected times are means over futures that serve no other purpose."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sidestep.scenarios import expectation
 from sidestep.scenarios.builtin import scenario
@@ -11,7 +14,7 @@ from sidestep.scenarios.expectation import Crowds, Expectation, expected_pace
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import PURPOSES, draw_map, purpose_key
 from sidestep.scenarios.places import RushHours
-from sidestep.walking.crossing_time import crossing_time
+from sidestep.walking.crossing_time import CrossingRule, crossing_time
 from sidestep.walking.expected_times import ExpectedTimes
 from sidestep.walking.speed_field import SpeedField, walking_speeds
 
@@ -73,3 +76,44 @@ def test_paces_that_are_known_are_not_worked_out_again() -> None:
     np.testing.assert_allclose(twice.seconds, 2 * found.seconds, rtol=1e-5)
     forecast = PROBLEM.changed(flows="forecast")
     assert expected_pace(forecast, draw_map(forecast, 0), 0.0) is None
+
+
+DAY = PROBLEM.changed(horizon=24 * 3600.0)
+DAY_SLOTS, FIRST = 288, 37
+
+
+@pytest.fixture(scope="module", params=["integrated", "entry"])
+def paces(request: pytest.FixtureRequest):
+    """The rule, and paces where everybody begins with so many people: drawn for all slots, or for the first ones."""
+    rule: CrossingRule = request.param
+
+    def paces_of(people: jax.Array, key: jax.Array, first: int | None) -> jax.Array:
+        crowds = Crowds.of(DAY, eqx.tree_at(lambda flow: flow.initial, HERE.flow, people))
+        return Expectation(crowds, HERE.network, key, ANY_HOUR, rule, 70, densities=False).pace(ANY_HOUR, first=first)[
+            0
+        ]
+
+    return rule, jax.jit(paces_of, static_argnums=2)
+
+
+@settings(max_examples=20)
+@given(level=st.floats(1, 5_000), seed=st.integers(0, 2**31))
+def test_the_first_slots_alone_give_the_same_paces_to_the_bit(paces, level: float, seed: int) -> None:
+    rule, paces_of = paces
+    people = level * jax.random.uniform(jax.random.key(seed), SEGMENTS)
+    every, few = (np.asarray(paces_of(people, jax.random.key(seed + 1), first)) for first in (None, FIRST))
+    if rule == "entry":  # of which all are drawn
+        np.testing.assert_array_equal(few, every)
+        return
+    known = ~np.isnan(few)
+    np.testing.assert_array_equal(few[known], every[known])
+    assert few.shape == every.shape == (SEGMENTS, DAY_SLOTS)
+    assert not known[:, FIRST:].any()
+    # Who is out of the street before the last of these slots is not touched by what comes after it.
+    leaves = np.arange(DAY_SLOTS) * 300 + every * np.asarray(HERE.network.length)[:, None]
+    assert (~known | (leaves < (FIRST - 1) * 300)).all()
+
+
+def test_where_few_people_are_most_of_the_first_slots_are_known(paces) -> None:
+    _, paces_of = paces
+    assert not np.isnan(paces_of(jnp.full(SEGMENTS, 1.0), jax.random.key(0), FIRST)[:, : FIRST - 5]).any()

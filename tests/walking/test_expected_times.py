@@ -35,6 +35,21 @@ def test_mean_times_by_hand() -> None:
     np.testing.assert_allclose(mean_crossing_times(TWO, LENGTH, "integrated", 2), [[115.0, 100.0]])
 
 
+def test_times_are_unknown_where_slots_that_follow_may_matter() -> None:
+    first = TWO.first(2)
+    # Who enters at 60 s walks on in the last of these slots, in which nobody knows how long it lasts.
+    np.testing.assert_allclose(mean_crossing_times(first, LENGTH, "integrated", 1, 3), [[np.nan] * 3])
+    np.testing.assert_allclose(mean_crossing_times(first, LENGTH / 4, "integrated", 1, 3), [[37.5, np.nan, np.nan]])
+
+
+def test_times_are_known_until_the_last_step_before_the_first_unknown_one() -> None:
+    seconds = jnp.array([[[9.0, 9.0, 9.0, 9.0], [9.0, 9.0, 9.0, jnp.nan]]])
+    assert expected(TWO, LENGTH).known_until == TWO.known_until == np.inf
+    for unknown, until in ((3, 2 * SLOT), (2, SLOT), (0, -SLOT)):
+        times = ExpectedTimes(TWO, seconds.at[0, 0, unknown:].set(jnp.nan), jnp.ones(2), SLOT)
+        assert times.known_until == until
+
+
 @pytest.mark.parametrize(("clock", "seconds"), [(0.0, 115.0), (30.0, 107.5), (60.0, 100.0), (1e6, 100.0)])
 def test_times_are_linear_between_steps(clock: float, seconds: float) -> None:
     times, zero, at = expected(TWO, LENGTH), jnp.int32(0), jnp.float32(clock)

@@ -13,14 +13,15 @@ import numpy as np
 from jaxtyping import Array, Int, Key
 
 from sidestep.arguments import COUNT, FUNCTION, INDEX, MINUTES, SEED, Rule, brief, checked, each
-from sidestep.environment.types import LEVELS, EnvParams, Instance
+from sidestep.environment.types import LEVELS, EnvParams, Information, Instance
 from sidestep.evaluation.metrics import RESAMPLES, Record, Row, join_records, summarise
-from sidestep.planners.base import Planner, walk_plan
+from sidestep.planners.base import Plan, Planner, PlanningAhead, walk_plan
 from sidestep.planners.registry import A_NAME, BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
+from sidestep.scenarios.expectation import expected_pace
 from sidestep.scenarios.futures import make_environment
 from sidestep.scenarios.maps import ScenarioMap, draw_map, purpose_key
-from sidestep.scenarios.model import A_SCENARIO, Scenario
+from sidestep.scenarios.model import A_SCENARIO, Scenario, objective_of
 from sidestep.scenarios.streets import walker_facts
 
 if TYPE_CHECKING:
@@ -32,6 +33,11 @@ CHUNK = 200
 TOWN_CHUNK = 50
 """The same where each walk has a destination of its own."""
 
+FIRST_SECONDS = 3 * 3600.0
+"""Time after the latest departure for which expected times are worked out at first, where most plans take no longer."""
+
+_BELOW_MAP = ("position", "local")
+"""Levels at which nobody knows what is expected."""
 
 Factories = Mapping[str, PlannerFactory]
 """Factories of planners by name."""
@@ -273,23 +279,48 @@ def _walk_map(
     if not chosen:
         raise PlannerError(f"no planner walks map {index}", field="maps")
     level = max((planner.observes for planner in chosen.values()), key=LEVELS.index)
-    # Below level map nobody knows what is expected, which takes the longest to work out.
-    samples = 0 if all(planner.level in ("position", "local") for planner in chosen.values()) else None
+    expecting = [planner for planner in chosen.values() if planner.level not in _BELOW_MAP]
+    # What is expected takes the longest to work out.
+    samples = None if expecting else 0
+    first = _first_slots(scenario, level, expecting) if expecting else None
     collected: dict[str, list[Record]] = {name: [] for name in chosen}
     parts = math.ceil(walks / most_at_once(scenario, scenario_map, destinations))
     size = math.ceil(walks / parts)  # all parts have one size, so that they share compiled programs
     for part in range(parts):
         nodes = nodes_of_part(scenario, scenario_map, size, destinations, part)
-        params = make_environment(
-            scenario, scenario_map, "test", size, level=level, destinations=nodes, part=part, samples=samples
+        make = partial(
+            make_environment, scenario, scenario_map, "test", size, level=level, destinations=nodes, part=part
         )
+        begun = nodes is None and first is not None
+        if begun:  # all walks are of one hour
+            (hour,) = scenario.place.departure_hours(1, part * size)
+            params = make(pace=expected_pace(scenario, scenario_map, hour, first))
+        else:
+            params = make(samples=samples)
         todo = episodes.instances(scenario, scenario_map, params, size, first=part * size, destinations=nodes)
         key = purpose_key(scenario_map, "test")
         key = jax.random.fold_in(key, part) if part else key
         for name, planner in chosen.items():
-            collected[name].append(_walk(planner, params, todo, key))
+            plan = _plan_within(planner, params, todo) if begun else planner.plan(params, todo)
+            if plan is None:  # it gets further
+                params, begun = make(), False
+                plan = planner.plan(params, todo)
+            collected[name].append(_walk(planner, params, plan, todo, key))
             on_walks(index, name, min(size, walks - part * size))
     return {name: join_records(found, lambda each: np.concatenate(each)[:walks]) for name, found in collected.items()}
+
+
+def _first_slots(scenario: Scenario, level: Information, expecting: list[Planner]) -> int | None:
+    """Slots that expected times are worked out for at first; None: for all of them from the beginning."""
+    slots = math.ceil((scenario.departures[1] + FIRST_SECONDS) / scenario.slot_seconds)
+    ahead = level in _BELOW_MAP and all(isinstance(planner, PlanningAhead) for planner in expecting)
+    few = ahead and not objective_of(scenario.objective).needs_density and 2 * slots <= scenario.slots
+    return slots if few else None
+
+
+def _plan_within(planner: Planner, params: EnvParams, todo: Instance) -> Plan | None:
+    """A plan by those expected times that were worked out; None where they are too few."""
+    return planner.plan_within(params, todo) if isinstance(planner, PlanningAhead) else planner.plan(params, todo)
 
 
 def most_at_once(scenario: Scenario, scenario_map: ScenarioMap, destinations: int | None) -> int:
@@ -332,8 +363,8 @@ def nodes_of_part(
     return episodes.random_destinations(scenario_map, walks, part) if scenario.place.anywhere else None
 
 
-def _walk(planner: Planner, params: EnvParams, todo: Instance, key: Key[Array, ""]) -> Record:
-    walked = walk_plan(planner, params, planner.plan(params, todo), todo, key)
+def _walk(planner: Planner, params: EnvParams, plan: Plan, todo: Instance, key: Key[Array, ""]) -> Record:
+    walked = walk_plan(planner, params, plan, todo, key)
     return Record(
         planner.level,
         np.asarray(walked.seconds, np.float64) / 60,

@@ -131,6 +131,25 @@ class Remembering(Planner, Protocol):
     """What it remembers of a node before it leaves it: like ``decide`` a function without side effects, and static."""
 
 
+@runtime_checkable
+class PlanningAhead(Planner, Protocol):
+    """A planner that knows how far ahead it looks, and so does without expected times that come later."""
+
+    def plan_within(self, params: EnvParams, instances: Instance, /) -> Plan | None:
+        """Prepare walks where expected times are known up to some clock, and NaN from then on.
+
+        Parameters
+        ----------
+        params, instances
+            As in :meth:`plan`.
+
+        Returns
+        -------
+        Plan or None
+            What :meth:`plan` makes where all of them are known; None where they are too few for that.
+        """
+
+
 class WalkError(SidestepError):
     """Walks that nobody can walk: no planner, no environment, or none that fits."""
 

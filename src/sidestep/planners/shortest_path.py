@@ -42,6 +42,10 @@ class ShortestPath(Planned):
 
         return Plan(None, table_per_walk(best_exits, np.asarray(instances.destination), departures))
 
+    def plan_within(self, params: EnvParams, instances: Instance) -> Plan:
+        """Expect nothing."""
+        return self.plan(params, instances)
+
 
 def metres_at(params: EnvParams, hour: Float[Array, ""], clock: Float[Array, ""]) -> Float[Array, " segment"]:
     """Give the lengths by which paths are chosen at a departure: streets that are shut then count as longer.

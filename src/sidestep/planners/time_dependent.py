@@ -124,11 +124,28 @@ def earliest_arrivals(
 
 def fastest_exits(
     params: EnvParams, speeds: Speeds, number: Int[Array, ""], instance: Instance
-) -> Bool[Array, "node exit"]:
-    """Mark the exits along the fastest path of one walk through one of the crowds; none where no path leads there."""
+) -> tuple[Bool[Array, "node exit"], Float[Array, ""]]:
+    """Find the fastest path of one walk through one of the crowds.
+
+    Parameters
+    ----------
+    params
+        The environment.
+    speeds, number
+        Speeds or expected times, and which of them count.
+    instance
+        One walk.
+
+    Returns
+    -------
+    exits : Bool[Array, "node exit"]
+        Marks those along the path; none where no path leads there.
+    arrival : Float[Array, ""]
+        Clock in s at the destination; infinite where no path leads there.
+    """
     network = params.network
     leave = leaving(network, speeds, number, params.rule, params.wait_in(instance.future))
-    _, via = earliest_arrivals(network, leave, instance.origin, instance.departure, instance.destination)
+    arrival, via = earliest_arrivals(network, leave, instance.origin, instance.departure, instance.destination)
 
     def back(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         node, chosen = carry
@@ -136,7 +153,7 @@ def fastest_exits(
 
     start = (instance.destination, jnp.zeros(network.segments, bool))
     _, chosen = jax.lax.while_loop(lambda carry: via[carry[0]] >= 0, back, start)
-    return chosen[network.exit_segment] & network.valid
+    return chosen[network.exit_segment] & network.valid, arrival[instance.destination]
 
 
 STEP = 60.0
@@ -202,16 +219,26 @@ def least_cost_path(params: EnvParams, field: SpeedsOrTimes, instance: Instance)
 @program("foreseen")
 def _plan(
     params: EnvParams, instances: Instance, *, foreseen: bool
-) -> Bool[Array, "walk node exit"] | Int[Array, "walk step"]:
-    """The best walks through the futures themselves, if these are ``foreseen``, or by expected times."""
+) -> tuple[Bool[Array, "walk node exit"] | Int[Array, "walk step"], Float[Array, ""]]:
+    """Find the best walks through the futures themselves, if these are ``foreseen``, or by expected times.
+
+    Returns
+    -------
+    walks
+        Exits at nodes, or one after the other.
+    until : Float[Array, ""]
+        Clock in s from which on other times to cross would not have changed any of them.
+    """
     if foreseen:
         speeds, which = params.futures.speeds, instances.future
     else:
         params = with_mean_waits(params)
         speeds, which = params.expected, params.expected_for(instances.future)
     if params.objective.needs_density:
-        return jax.lax.map(lambda walk: least_cost_path(params, speeds.of(walk[0]), walk[1]), (which, instances))
-    return jax.vmap(partial(fastest_exits, params, speeds))(which, instances)
+        paths = jax.lax.map(lambda walk: least_cost_path(params, speeds.of(walk[0]), walk[1]), (which, instances))
+        return paths, jnp.float32(jnp.inf)
+    exits, arrival = jax.vmap(partial(fastest_exits, params, speeds))(which, instances)
+    return exits, jnp.max(arrival)
 
 
 class Expected(Planned):
@@ -225,7 +252,14 @@ class Expected(Planned):
     level: ClassVar[Level] = "map"
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, instances, foreseen=False))
+        return Plan(None, _plan(params, instances, foreseen=False)[0])
+
+    def plan_within(self, params: EnvParams, instances: Instance) -> Plan | None:
+        """Plan with times that are known for so long as the walks take."""
+        # Where they are unknown no segment is entered, and what is reached before is reached as early as ever.
+        plan, until = _plan(params, instances, foreseen=False)
+        known = params.expected.known_until
+        return Plan(None, plan) if math.isinf(known) or float(until) < known else None
 
 
 class Clairvoyant(Planned):
@@ -238,7 +272,11 @@ class Clairvoyant(Planned):
     level: ClassVar[Level] = "hindsight"
 
     def plan(self, params: EnvParams, instances: Instance) -> Plan:
-        return Plan(None, _plan(params, instances, foreseen=True))
+        return Plan(None, _plan(params, instances, foreseen=True)[0])
+
+    def plan_within(self, params: EnvParams, instances: Instance) -> Plan:
+        """Expect nothing."""
+        return self.plan(params, instances)
 
 
 def least_minutes(params: EnvParams, instances: Instance) -> Float[np.ndarray, " walk"]:

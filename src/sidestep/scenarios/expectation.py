@@ -91,12 +91,34 @@ class Expectation(eqx.Module):
         length = self.network.length
         return ExpectedTimes(mean, paces * length[:, None], length, self._every(mean) * mean.slot_seconds)
 
-    def pace(self, hours: Float[Array, " hour"], scale: float = 1.0) -> Float[Array, "hour segment step"]:
-        """Work out mean seconds to cross each metre of the segments, entered as steps begin."""
+    def pace(
+        self, hours: Float[Array, " hour"], scale: float = 1.0, first: int | None = None
+    ) -> Float[Array, "hour segment step"]:
+        """Work out mean seconds to cross each metre of the segments, entered as steps begin.
+
+        Parameters
+        ----------
+        hours, scale
+            As in :meth:`speeds`.
+        first
+            Slots that crowds are drawn for, the first ones, for which time and memory are taken; by default all. All
+            are where crowds are interpolated, and by the rule of entry.
+
+        Returns
+        -------
+        Float[Array, "hour segment step"]
+            NaN where the slots are too few. The rest is the same to the bit: futures are as many, and their crowds
+            the same.
+        """
         crowds, length = self.crowds, self.network.length
         shapes = jax.eval_shape(lambda: self._drawn(1, self.key, hours[0], crowds.slots, scale))
         every = self._every(shapes)
         steps = math.ceil((crowds.slots - 1) / every) + 1
+        slots = every * (steps - 1) + 1
+        # Between counters steps are few. By the rule of entry XLA adds up the futures of fewer slots in another order.
+        if first is None or shapes.interpolated or self.rule == "entry":
+            first = slots
+        drawn = min(first, slots)
         times = steps * self.network.segments
         samples = self.samples or min(
             max(TIMES // times, FEW_SAMPLES), MOST_SAMPLES, max(MOST_TIMES // times, FEWEST_SAMPLES)
@@ -106,8 +128,9 @@ class Expectation(eqx.Module):
 
         def one(hour: Float[Array, ""]) -> Float[Array, "segment step"]:
             def add(total: Array, key: Key[Array, ""]) -> tuple[Array, None]:
-                speeds = self._drawn(chunk, key, hour, every * (steps - 1) + 1, scale)
-                return total + mean_crossing_times(speeds, length, self.rule, every), None
+                speeds = self._drawn(chunk, key, hour, drawn, scale)
+                told = None if drawn == slots else steps
+                return total + mean_crossing_times(speeds, length, self.rule, every, told), None
 
             total, _ = jax.lax.scan(add, jnp.zeros((self.network.segments, steps)), keys)
             return total / (len(keys) * length[:, None])
@@ -128,7 +151,9 @@ class Expectation(eqx.Module):
         return max(1, round(HOUR / speeds.slot_seconds)) if speeds.interpolated else 1
 
 
-def expected_pace(scenario: Scenario, scenario_map: ScenarioMap, hour: float) -> Float[Array, "segment step"] | None:
+def expected_pace(
+    scenario: Scenario, scenario_map: ScenarioMap, hour: float, first: int | None = None
+) -> Float[Array, "segment step"] | None:
     """Mean seconds to cross each metre of a map's segments, for several environments of the same hour.
 
     Parameters
@@ -137,6 +162,8 @@ def expected_pace(scenario: Scenario, scenario_map: ScenarioMap, hour: float) ->
         The problem, and its map.
     hour
         Hour of the week at clock 0.
+    first
+        Slots that crowds are drawn for, as in :meth:`Expectation.pace`; by default all.
 
     Returns
     -------
@@ -146,9 +173,9 @@ def expected_pace(scenario: Scenario, scenario_map: ScenarioMap, hour: float) ->
     key, crowds = purpose_key(scenario_map, "expect"), Crowds.of(scenario, scenario_map.flow)
     hours = on_device(np.array([hour]))
     expectation = Expectation(crowds, scenario_map.network, key, hours, scenario.rule, None, densities=False)
-    return None if expectation.is_certain else _pace(expectation)
+    return None if expectation.is_certain else _pace(expectation, first=first)
 
 
-@program()
-def _pace(expectation: Expectation) -> Float[Array, "segment step"]:
-    return expectation.pace(expectation.hours)[0]
+@program("first")
+def _pace(expectation: Expectation, *, first: int | None) -> Float[Array, "segment step"]:
+    return expectation.pace(expectation.hours, first=first)[0]

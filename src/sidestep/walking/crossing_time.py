@@ -183,7 +183,7 @@ def crosser(times: SpeedsOrTimes, length: BySegment, rule: CrossingRule) -> Cros
 
 
 def mean_crossing_times(
-    speeds: KnownSpeeds, length: BySegment, rule: CrossingRule, every: int
+    speeds: KnownSpeeds, length: BySegment, rule: CrossingRule, every: int, steps: int | None = None
 ) -> Float[Array, "segment step"]:
     """Mean times to cross segments in several futures.
 
@@ -195,19 +195,28 @@ def mean_crossing_times(
         As in :func:`crossing_times`.
     every
         Slots in a step.
+    steps
+        How many there are, if more slots follow than those of the speeds, which are no longer taken to last for ever
+        in the last one.
 
     Returns
     -------
     Float[Array, "segment step"]
-        Seconds, entered as each step begins. Crowds between counters change slowly: there, segments are taken at the
-        speeds as they are entered.
+        Seconds, entered as each step begins; NaN where speeds of slots that follow may matter. Crowds between counters
+        change slowly: there, segments are taken at the speeds as they are entered.
     """
     if speeds.interpolated:
         return _mean_between_counters(speeds, length, jnp.arange(0, speeds.slots, every))
 
     def of_segment(segment: Index) -> Float[Array, " step"]:
         speed, covered = speeds.speed[:, segment], speeds.covered[:, segment]
-        return jnp.mean(_times_from(speeds.slot_seconds, length[segment], rule, every, speed, covered), axis=0)
+        times = _times_from(speeds.slot_seconds, length[segment], rule, every, speed, covered)
+        if steps is not None:
+            left = jnp.arange(times.shape[1]) * (every * speeds.slot_seconds) + times
+            times = jnp.where(left < (speeds.slots - 1) * speeds.slot_seconds, times, jnp.nan)
+            # As wide as with all slots: XLA would add up the futures of fewer steps in another order.
+            times = jnp.pad(times, ((0, 0), (0, steps - times.shape[1])), constant_values=jnp.nan)
+        return jnp.mean(times, axis=0)
 
     return jax.lax.map(of_segment, jnp.arange(len(length)))
 

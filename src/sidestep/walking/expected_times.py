@@ -3,12 +3,14 @@
 The time in the mean crowd is not the mean time: streets that jam in some of the futures take longer than it says.
 """
 
+import math
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from sidestep.crowds.base import Field, Index
@@ -70,7 +72,7 @@ class ExpectedTimes(eqx.Module):
     mean: KnownSpeeds
     """In the mean crowds."""
     seconds: Float[Array, "hour segment step"]
-    """Time to cross in s, as in :class:`CrossingTimes`."""
+    """Time to cross in s, as in :class:`CrossingTimes`; NaN where it was not worked out."""
     length: Float[Array, " segment"]
     """Length of the segments in m."""
     step_seconds: float = eqx.field(static=True)
@@ -100,6 +102,12 @@ class ExpectedTimes(eqx.Module):
     def count(self) -> int:
         """Number of hours."""
         return self.seconds.shape[0]
+
+    @property
+    def known_until(self) -> float:
+        """Clock in s before which all times are known; infinite where all are."""
+        unknown = np.isnan(self.seconds).any(axis=(0, 1))
+        return (int(unknown.argmax()) - 1) * self.step_seconds if unknown.any() else math.inf
 
     def of(self, hour: Index) -> CrossingTimes:
         """Times to cross all segments."""

@@ -1,5 +1,6 @@
 """Walking speeds on every segment in every slot: as a table, or worked out from counters where they are needed."""
 
+import math
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
@@ -28,6 +29,8 @@ class SpeedField(eqx.Module):
     """Whether speeds follow from the densities at a few counters."""
     expected: ClassVar[Literal[False]] = False
     """Whether these are expected times (:class:`sidestep.walking.expected_times.ExpectedTimes`)."""
+    known_until: ClassVar[float] = math.inf
+    """Clock in s before which speeds are known."""
     sightings: ClassVar[None] = None
     """Crowds that were seen but are not counted. Those of a table are counted: counters are everywhere."""
 
@@ -174,6 +177,7 @@ class SensedSpeeds(eqx.Module):
 
     interpolated: ClassVar[Literal[True]] = True
     expected: ClassVar[Literal[False]] = False
+    known_until: ClassVar[float] = math.inf
     keeps_density: ClassVar[bool] = True
 
     crowds: SensedField
