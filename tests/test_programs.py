@@ -310,7 +310,11 @@ class Counted(Program):
 
 def test_results_are_kept_as_long_as_there_is_room():
     source = Counted(lambda numbers, times: numbers * times, ("times",))
-    kept, one, two = Kept(source, 2 * 4 * 4), np.ones(4, np.float32), np.full(4, 2, np.float32)
+    keeping, one, two = Kept(source, 2 * 4 * 4), np.ones(4, np.float32), np.full(4, 2, np.float32)
+
+    def kept(numbers, times):
+        return keeping.given(numbers, times=times)()
+
     first = kept(one, 3)
     assert kept(one.copy(), 3) is first  # equal arguments, made anew
     assert source.calls == 1
@@ -318,16 +322,34 @@ def test_results_are_kept_as_long_as_there_is_room():
     for other in ((two, 3), (one, 2), (one.reshape(2, 2), 3), (whole, 3)):
         kept(*other)
     assert source.calls == 5
-    assert kept.bytes == 2 * 4 * 4
+    assert keeping.bytes == 2 * 4 * 4
     kept(one, 3)  # was asked for longest ago, and is gone
     assert source.calls == 6
     assert kept(whole, 3).tolist() == (3 * whole).tolist()
     assert source.calls == 6
-    assert Kept(source, 15)(one, 3).tolist() == [3, 3, 3, 3]  # more than there is room for
+    assert Kept(source, 15).given(one, times=3)().tolist() == [3, 3, 3, 3]  # more than there is room for
     programs.clear_caches()
-    assert kept.bytes == 0
+    assert keeping.bytes == 0
     kept(whole, 3)
     assert source.calls == 8
+
+
+def test_large_arguments_are_read_once_for_many_calls(monkeypatch):
+    source, read = Counted(lambda large, small: large[small]), []
+    contents = programs._contents
+
+    def noted(values):
+        read.extend(leaf.shape for leaf in values)
+        return contents(values)
+
+    monkeypatch.setattr(programs, "_contents", noted)
+    keeping, large = Kept(source, 1000), np.arange(9, dtype=np.float32)
+    for _ in range(2):
+        at = keeping.given(large)
+        assert [float(at(np.int32(number))) for number in (3, 5, 3)] == [3.0, 5.0, 3.0]
+    assert source.calls == 2
+    assert read.count((9,)) == 2
+    assert float(keeping.given(large + 1)(np.int32(3))) == 4.0
 
 
 def test_of_small_results_few_are_kept(monkeypatch):
@@ -335,7 +357,7 @@ def test_of_small_results_few_are_kept(monkeypatch):
     source = Counted(lambda numbers: 2 * numbers)
     kept, arguments = Kept(source, 1000), [np.full(4, number, np.float32) for number in range(3)]
     for each in (*arguments, arguments[1], arguments[2], arguments[0]):
-        kept(each)
+        kept.given()(each)
     assert (source.calls, kept.bytes) == (4, 2 * 4 * 4)
 
 
@@ -343,5 +365,5 @@ def test_a_result_without_room_drives_out_no_other():
     source = Counted(lambda numbers: 2 * numbers)
     kept, small, large = Kept(source, 16), np.ones(4, np.float32), np.ones(5, np.float32)
     for each in (small, large, small):
-        kept(each)
+        kept.given()(each)
     assert (source.calls, kept.bytes) == (2, 16)

@@ -13,7 +13,7 @@ import re
 import secrets
 import threading
 from collections import Counter, OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import partial, update_wrapper, wraps
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -57,7 +57,7 @@ counts: Counter[tuple[str, str]] = Counter()
 
 
 _programs: "WeakSet[Program[Any, Any]]" = WeakSet()
-_keeping: "WeakSet[Kept[Any, Any]]" = WeakSet()
+_keeping: "WeakSet[Kept[Any]]" = WeakSet()
 
 
 class Program(Generic[P, Made]):
@@ -115,14 +115,6 @@ class Program(Generic[P, Made]):
         """Where it runs."""
         return _devices() if self._spread else [_default_device()]
 
-    def told_apart(self, *args: P.args, **kwargs: P.kwargs) -> tuple[Any, ...]:
-        """What the arguments of a call are, by which equal calls are known."""
-        static, tree, leaves = self._sorted(*args, **kwargs)
-        contents = hashlib.blake2b()
-        for leaf in leaves:
-            contents.update(np.ascontiguousarray(leaf).data)
-        return (*static.values(), tree, *map(_type_of, leaves), contents.digest())
-
     def _sorted(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Any], Any, list[Any]]:
         """Static arguments by name, and the tree and leaves of the others."""
         bound = self._signature.bind(*args, **kwargs)
@@ -157,11 +149,11 @@ class Program(Generic[P, Made]):
         return found
 
 
-class Kept(Generic[P, Made]):
+class Kept(Generic[Made]):
     """A program whose latest results are kept for calls with equal arguments, which threads may share.
 
-    Arguments are told apart by their contents, however often they are made: reading them takes much less time than
-    programs that are worth it.
+    Arguments are arrays, numbers, and trees of these. They are told apart by their contents, however often they are
+    made.
 
     Parameters
     ----------
@@ -171,7 +163,7 @@ class Kept(Generic[P, Made]):
         Of all results that are kept; those that were asked for longest ago go first.
     """
 
-    def __init__(self, program: Program[P, Made], most_bytes: int) -> None:
+    def __init__(self, program: Program[..., Made], most_bytes: int) -> None:
         self._program, self._most_bytes = program, most_bytes
         self._results: OrderedDict[Any, Made] = OrderedDict()
         self._lock = threading.Lock()
@@ -179,13 +171,17 @@ class Kept(Generic[P, Made]):
         """Of all results that are kept now."""
         _keeping.add(self)
 
-    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Made:
-        key = self._program.told_apart(*args, **kwargs)
+    def given(self, *first: Any, **static: Hashable) -> Callable[..., Made]:
+        """Give it the first arguments, which are read only once, and static ones, for calls that give the others."""
+        known = (*sorted(static.items()), *_contents(first))
+        return lambda *rest: self._kept((known, _contents(rest)), partial(self._program, *first, *rest, **static))
+
+    def _kept(self, key: Any, make: Callable[[], Made]) -> Made:
         with self._lock:
             if key in self._results:
                 self._results.move_to_end(key)
                 return self._results[key]
-        made = self._program(*args, **kwargs)
+        made = make()
         with self._lock:
             # What there is no room for does not drive out what there is; another thread may have been faster.
             if key not in self._results and bytes_of(made) <= self._most_bytes:
@@ -200,6 +196,15 @@ class Kept(Generic[P, Made]):
         with self._lock:
             self._results.clear()
             self.bytes = 0
+
+
+def _contents(values: Any) -> tuple[Any, ...]:
+    """What values are, by which equal ones are known: their structure, types and bytes."""
+    leaves, tree = jax.tree.flatten(values)
+    contents = hashlib.blake2b()
+    for leaf in leaves:
+        contents.update(np.ascontiguousarray(leaf).data)
+    return (tree, *map(_type_of, leaves), contents.digest())
 
 
 def bytes_of(tree: Any) -> int:

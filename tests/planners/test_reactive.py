@@ -166,7 +166,7 @@ def test_costs_of_one_slot_are_those_of_all_slots(small) -> None:
     every, wanted = small[0].futures.cost_to_go, np.arange(8) % 3 > 0
     for forecasts in (True, False):
         params = blind(problem, scenario_map, costs=forecasts)
-        seen = see_counts(problem, scenario_map.flow, params, 3, wanted, forecasts=forecasts).futures.cost_to_go
+        seen = see_counts(problem, scenario_map.flow, params, forecasts=forecasts)(3, wanted).futures.cost_to_go
         np.testing.assert_allclose(seen.snapshot[wanted, 0], np.asarray(every.snapshot)[wanted, 3], rtol=1e-6)
         if forecasts:
             np.testing.assert_allclose(seen.forecast[wanted, 0], np.asarray(every.forecast)[wanted, 3], rtol=1e-5)
@@ -182,10 +182,11 @@ def test_walks_that_see_slot_by_slot_are_those_that_see_all(small, planner) -> N
     scenario_map = draw_map(problem, 3)
     todo = replace(todo, departure=todo.departure + 400.0 * jnp.arange(20))  # in several slots
     unseen, slots = blind(problem, scenario_map, costs=True), []
+    seen = see_counts(problem, scenario_map.flow, unseen)
 
     def see(slot: int, wanted: np.ndarray) -> EnvParams:
         slots.append(slot)
-        return see_counts(problem, scenario_map.flow, unseen, slot, wanted)
+        return seen(slot, wanted)
 
     plan = planner.plan(params, todo)
     all_at_once = walk_plan(planner, params, plan, todo, KEY, 30)

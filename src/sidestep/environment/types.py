@@ -1,5 +1,6 @@
 """The types of the environment. All are of one walker; ``jax.vmap`` makes many."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Literal, get_args
@@ -171,6 +172,10 @@ class EnvParams(eqx.Module):
     def expected_for(self, future: Int[Array, "*n"]) -> Int[Array, "*n"]:
         """Which of the hours in ``expected`` belongs to one of the futures."""
         return self.futures.destination[future] if self.expected.count > 1 else jnp.zeros_like(future)
+
+
+SeeSlot = Callable[[int, Bool[np.ndarray, " future"]], EnvParams]
+"""The environment for walkers who are in one slot, given its number, and the futures in which any of them is."""
 
 
 class Instance(eqx.Module):

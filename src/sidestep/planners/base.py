@@ -17,7 +17,7 @@ from sidestep.arguments import COUNT, checked, instance
 from sidestep.environment.cost_to_go import check_known
 from sidestep.environment.dynamics import random_exit
 from sidestep.environment.rollout import Decide, Past, Remember, UnderWay, Walk, depart, ended, walk, walk_on
-from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation
+from sidestep.environment.types import EnvParams, Information, Instance, Level, Observation, SeeSlot
 from sidestep.errors import SidestepError
 from sidestep.programs import over_devices, program
 from sidestep.walking.crossing_time import slot_at
@@ -220,10 +220,6 @@ class _Named:
     def __call__(self) -> DecideByPlan | None:
         """The decision."""
         return getattr(sys.modules.get(self.module), self.name, None)
-
-
-SeeSlot = Callable[[int, Bool[np.ndarray, " future"]], EnvParams]
-"""The environment for walkers who are in one slot, given its number, and the futures in which any of them is."""
 
 
 def _rules(

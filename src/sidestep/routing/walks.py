@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +12,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from sidestep.environment.crossing import as_expected, cross
 from sidestep.environment.rollout import Past
-from sidestep.environment.types import EnvParams, Futures, Instance
+from sidestep.environment.types import EnvParams, Futures, Instance, SeeSlot
 from sidestep.evaluation.metrics import in_time, spread
-from sidestep.planners.base import Plan, Planner, Route, SeeSlot, routes_along, walk_plan
+from sidestep.planners.base import Plan, Planner, Route, routes_along, walk_plan
 from sidestep.planners.reactive import Snapshot
 from sidestep.programs import on_device, program
 from sidestep.routing.alternatives import alternatives
@@ -237,7 +237,7 @@ class Walker:
         if planner.observes != "live":
             return None
         scenario, flow = self.located.scenario, self.located.scenario_map.flow
-        return partial(see_counts, scenario, flow, params, forecasts=_looks_ahead(planner))
+        return see_counts(scenario, flow, params, forecasts=_looks_ahead(planner))
 
     def _plan(self, planner: Planner) -> Plan:
         """One plan serves all futures: planners know of none of them, and of what is expected the same in each."""

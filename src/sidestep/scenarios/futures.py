@@ -26,6 +26,7 @@ from sidestep.environment.types import (
     Information,
     LiveCostToGo,
     Meant,
+    SeeSlot,
     destinations_in_turn,
     futures_in_turn,
 )
@@ -213,16 +214,11 @@ def replace_futures(
     return replace(params, futures=_replaced(params.futures, futures, index))
 
 
-def see_counts(
-    scenario: Scenario,
-    flow: FlowModel,
-    params: EnvParams,
-    slot: int,
-    wanted: Bool[np.ndarray, " future"],
-    *,
-    forecasts: bool = True,
-) -> EnvParams:
-    """The same environment for walkers of level ``live`` who are in one slot.
+def see_counts(scenario: Scenario, flow: FlowModel, params: EnvParams, *, forecasts: bool = True) -> SeeSlot:
+    """The same environment for walkers of level ``live``, slot by slot.
+
+    Costs of all slots of all futures take gigabytes in large towns, and forecasts much longer than all else: they are
+    worked out where walkers are.
 
     Parameters
     ----------
@@ -230,22 +226,22 @@ def see_counts(
         The problem, and the crowds that forecasts are made of.
     params
         An environment of level ``map`` at least, with densities.
-    slot
-        The slot. Costs of all slots of all futures take gigabytes in large towns, and forecasts much longer than all
-        else: they are worked out where walkers are.
-    wanted
-        The futures in which they are.
     forecasts
         Whether forecasts are worked out; else there are none, for walkers who do not look at them.
 
     Returns
     -------
-    EnvParams
-        Its futures have the costs that follow from the counts of the slot, and from forecasts.
+    SeeSlot
+        Gives the environment for walkers who are in one slot. Its futures have the costs that follow from the counts of
+        the slot, and from forecasts.
     """
-    number, crowds = on_device(np.array(slot), np.int32), Crowds.of(scenario, flow)
-    costs = KEPT(crowds, params, number, on_device(wanted, np.bool_), forecasts=forecasts)
-    return replace(params, futures=replace(params.futures, cost_to_go=costs), level="live")
+    costs_in = KEPT.given(Crowds.of(scenario, flow), params, forecasts=forecasts)
+
+    def see(slot: int, wanted: Bool[np.ndarray, " future"]) -> EnvParams:
+        costs = costs_in(on_device(np.array(slot), np.int32), on_device(wanted, np.bool_))
+        return replace(params, futures=replace(params.futures, cost_to_go=costs), level="live")
+
+    return see
 
 
 _replaced = jax.jit(Futures.replaced)
