@@ -16,7 +16,7 @@ from sidestep.environment.cost_to_go import (
     static_cost_from,
     static_cost_to_go,
 )
-from sidestep.environment.crossing import crossings
+from sidestep.environment.crossing import CrossStep, crossings
 from sidestep.environment.types import EnvParams, futures_in_turn
 from sidestep.network.graph import RoadNetwork, road_network
 from sidestep.network.grid import grid_network
@@ -148,15 +148,18 @@ def test_crossings_shorter_than_a_slot_lead_back_into_it() -> None:
     np.testing.assert_allclose(table, [[85.65, 58.5, 30, 0], [45, 30, 15, 0]], atol=CLOSE)
 
 
+def taking(*seconds: float) -> CrossStep:
+    """Segments that always take as long."""
+    return lambda _slot: Crossing(jnp.array(seconds), jnp.array(seconds), {})
+
+
 def test_what_comes_after_the_last_slot() -> None:
     network, destination, later = line(150, 150), ends(3, 2), jnp.array([1000.0, 500, 0])
     # From node 1 150 s. From node 0 half a slot, to between 150 s now and 500 s later: 150 + 325.
-    seconds = jnp.array([[150.0, 150]])
-    found = cost_to_go(network, Crossing(seconds, seconds, {}), 300.0, destination, later)
+    found = cost_to_go(network, taking(150.0, 150.0), 1, 300.0, destination, later)
     np.testing.assert_allclose(found, [[475, 150, 0]], atol=CLOSE)
     # Two slots: after the last of them it is 500 s from node 1.
-    seconds = jnp.array([[600.0, 150]])
-    found = cost_to_go(network, Crossing(seconds, seconds, {}), 300.0, destination, later)
+    found = cost_to_go(network, taking(600.0, 150.0), 1, 300.0, destination, later)
     np.testing.assert_allclose(found, [[1100, 150, 0]], atol=CLOSE)
 
 

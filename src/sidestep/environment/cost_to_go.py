@@ -16,11 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from sidestep.environment.crossing import crossings, static_crossing_in, with_mean_waits
+from sidestep.environment.crossing import CrossStep, crossing_steps, static_crossing_in, with_mean_waits
 from sidestep.environment.types import EnvParams, ExpectedCostToGo, Information, Instance, KnowledgeError, LiveCostToGo
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.walking.expected_times import Speeds, SpeedsOrTimes
-from sidestep.walking.objective import Crossing
 from sidestep.walking.speed_field import SpeedField
 from sidestep.walking.waits import Wait
 
@@ -105,7 +104,12 @@ def _improved(
 
 
 def cost_to_go(
-    network: RoadNetwork, crossed: Crossing, slot_seconds: float, destination: Destination, later: Float[Array, " node"]
+    network: RoadNetwork,
+    cross: CrossStep,
+    slots: int,
+    slot_seconds: float,
+    destination: Destination,
+    later: Float[Array, " node"],
 ) -> Float[Array, "slot node"]:
     """Cost from every node, as each slot begins.
 
@@ -113,10 +117,10 @@ def cost_to_go(
     ----------
     network
         Streets.
-    crossed
-        Each segment, entered as each slot begins: arrays [slot, segment].
-    slot_seconds
-        Length of a slot in s.
+    cross
+        Walks each segment, entered as a slot begins.
+    slots, slot_seconds
+        How many, and their length in s.
     destination
         Nodes of the destination; the nearest one counts.
     later
@@ -131,11 +135,12 @@ def cost_to_go(
     ----------
     Chabini (1998), doi:10.3141/1645-21.
     """
-    slots, head, valid = crossed.seconds.shape[0], network.exit_node, network.exits_to(destination)
+    head, valid = network.exit_node, network.exits_to(destination)
     start = jnp.broadcast_to(later, (slots + 1, network.nodes))
 
-    def one_slot(table: Array, now: tuple[Array, Array, Array]) -> tuple[Array, None]:
-        slot, seconds, cost = now
+    def one_slot(table: Array, slot: Int[Array, ""]) -> tuple[Array, None]:
+        crossed = cross(slot)
+        seconds, cost = crossed.seconds, crossed.cost
         ahead = seconds[network.exit_segment] / slot_seconds
         whole = jnp.floor(ahead)
         part = ahead - whole
@@ -160,7 +165,7 @@ def cost_to_go(
         to_go, *_ = jax.lax.while_loop(lambda carry: (carry[1] > SETTLED) & (carry[2] <= network.nodes), settle, start)
         return table.at[slot].set(to_go), None
 
-    table, _ = jax.lax.scan(one_slot, start, (jnp.arange(slots), crossed.seconds, crossed.cost), reverse=True)
+    table, _ = jax.lax.scan(one_slot, start, jnp.arange(slots), reverse=True)
     return table[:-1]
 
 
@@ -222,9 +227,10 @@ def field_cost_to_go(
     Float[Array, "step node"]
         Cost in s as each step begins.
     """
-    network, crossed = params.network, crossings(params, speeds, wait, every=every)
-    later = static_cost_to_go(network, crossed.cost[-every], destination)  # as the last slot begins
-    return cost_to_go(network, crossed, speeds.slot_seconds / every, destination, later)
+    network, cross = params.network, crossing_steps(params, speeds, wait, every=every)
+    steps = speeds.slots * every
+    later = static_cost_to_go(network, cross(jnp.int32(steps - every)).cost, destination)  # as the last slot begins
+    return cost_to_go(network, cross, steps, speeds.slot_seconds / every, destination, later)
 
 
 def expected_cost_to_go(
@@ -353,13 +359,14 @@ def _forecast(
     every = gate_steps(params, slot_seconds)
     step_seconds = slot_seconds / every
     expected, number = known_cost_to_go(params), params.futures.destination[future]
-    crossed = crossings(params, speeds, params.wait_in(future), begins=slot * slot_seconds, every=every)
+    cross = crossing_steps(params, speeds, params.wait_in(future), begins=slot * slot_seconds, every=every)
     then = slot + speeds.slots if expected.steps == 1 else (slot + speeds.slots) * expected.steps
     later = expected.table[number, jnp.minimum(then, expected.table.shape[1] - 1)]
-    before = cost_to_go(network, crossed, step_seconds, expected.destination == number, later)
+    steps = speeds.slots * every
+    before = cost_to_go(network, cross, steps, step_seconds, expected.destination == number, later)
     table = jnp.concatenate([before, later[None]])
     over = jax.vmap(partial(at_clock, table, step_seconds, node=network.head))
-    first = jax.tree.map(lambda leaf: leaf[: every + 1], crossed)
+    first = jax.lax.map(cross, jnp.arange(min(every + 1, steps)))
     cost = first.cost - params.objective.penalty * first.measures.get("too_dense", 0.0)
     return cost + over(clock=jnp.arange(every + 1.0)[:, None] * step_seconds + first.seconds)
 

@@ -1,5 +1,6 @@
 """Crossing segments: the seconds that it takes, and what the objective makes of them."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -82,10 +83,14 @@ def cross_at_speeds(
     return _crossing(params.objective, speeds, clock, seconds, metres)
 
 
-def crossings(
+CrossStep = Callable[[Int[Array, ""]], Crossing]
+"""What it takes to walk each segment, entered as a step begins, given its number."""
+
+
+def crossing_steps(
     params: EnvParams, speeds: SpeedsOrTimes, wait: Wait, *, begins: Float[Array, ""] | float = 0.0, every: int = 1
-) -> Crossing:
-    """Walk all segments, entered as slots begin.
+) -> CrossStep:
+    """Prepare to walk all segments, entered as slots begin: those of all steps together take gigabytes in large towns.
 
     Parameters
     ----------
@@ -102,20 +107,24 @@ def crossings(
 
     Returns
     -------
-    Crossing
-        Arrays [step, segment].
+    CrossStep
+        Arrays [segment].
     """
     length, segments = params.network.length, jnp.arange(params.network.segments)
-    steps = jnp.arange(speeds.slots * every) * (speeds.slot_seconds / every)
     seconds_to_cross = crosser(speeds, length, params.rule)
 
-    def at(clock: Float[Array, ""]) -> Crossing:
-        come = jnp.full(segments.shape, clock)
+    def at(step: Int[Array, ""]) -> Crossing:
+        come = jnp.full(segments.shape, step * (speeds.slot_seconds / every))
         waited = wait(segments, begins + come)
         seconds = waited + seconds_to_cross(come + waited)
         return _lost(params, _crossing(params.objective, speeds, come, seconds, length), waited)
 
-    return jax.lax.map(at, steps)
+    return at
+
+
+def crossings(params: EnvParams, speeds: SpeedsOrTimes, wait: Wait, *, every: int = 1) -> Crossing:
+    """:func:`crossing_steps` of all steps: arrays [step, segment]."""
+    return jax.lax.map(crossing_steps(params, speeds, wait, every=every), jnp.arange(speeds.slots * every))
 
 
 def static_crossing(
