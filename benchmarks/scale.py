@@ -3,6 +3,7 @@
     python benchmarks/scale.py                                   10³, 10⁴ and 10⁵ crossings
     python benchmarks/scale.py --side 316 --part training --rounds 8
     python benchmarks/scale.py --side 316 --part plans --planner forecast
+    python benchmarks/scale.py --side 316 --part plans --waits gates
 
 Towns are invented (`streets.py`). Their scenario is the one that `sidestep new` writes, with their streets and longer
 horizons: 160 paired sensors crowd a smaller part of larger towns. Every part runs in a process of its own, so that its
@@ -14,6 +15,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -156,11 +158,26 @@ def training(folder, rounds, walks, destinations):
     }
 
 
-def plans(folder, planner, kilometres=2.0):
+def waiting(folder, waits):
+    """The scenario where every tenth street is shut at night, or has a light; as it is where ``waits`` is None."""
+    if waits is None:
+        return folder / "scenario.toml"
+    town = load_town(folder / "town.npz")
+    tenth = np.arange(town.streets) % 10 == 0
+    opening = tuple(np.where(tenth, "Mo-Su 06:00-22:00", "").tolist())
+    column = {"opening": opening} if waits == "gates" else {"signals": tenth.astype(np.int16)}
+    save_town(replace(town, **column), folder / f"{waits}.npz")
+    text = (folder / "scenario.toml").read_text("utf-8").replace('"town.npz"', f'"{waits}.npz"')
+    (folder / f"{waits}.toml").write_text(text + "\n[place.traffic]\n" * (waits == "signals"), "utf-8")
+    return folder / f"{waits}.toml"
+
+
+def plans(folder, planner, waits, futures, kilometres=2.0):
     """Whole plans by one planner, as `route` and the server make them: twice the same, and one from elsewhere."""
+    scenario = waiting(folder, waits)
     began = perf_counter()
-    router = Router(folder / "scenario.toml")
-    found = {"planner": planner, "loaded_seconds": perf_counter() - began}
+    router = Router(scenario)
+    found = {"planner": planner, "waits": waits, "loaded_seconds": perf_counter() - began}
     scenario_map = draw_map(router.scenario, 0)
     crossings = random_destinations(scenario_map, 500, 0)[:, 0]
     position = np.asarray(scenario_map.network.position)[crossings]
@@ -168,7 +185,7 @@ def plans(folder, planner, kilometres=2.0):
     first, other = crossings[np.argsort(np.abs(away - 1_000 * kilometres))[:2]].tolist()
     for name, origin in (("first", first), ("again", first), ("elsewhere", other)):
         began = perf_counter()
-        plan = router.plan(origin, int(crossings[0]), planner=planner)
+        plan = router.plan(origin, int(crossings[0]), planner=planner, futures=futures)
         minutes = plan.expected_minutes
         found[name] = {"seconds": perf_counter() - began, "minutes": minutes, "peak_gib": peak_gib()}
     return found
@@ -188,7 +205,7 @@ def part_of(options):
     if options.part == "training":
         return training(folder, options.rounds, options.walks, options.destinations)
     if options.part == "plans":
-        return plans(folder, options.planner)
+        return plans(folder, options.planner, options.waits, options.futures)
     if options.part == "invent":
         return invent(folder, options.side)
     return {"peak_gib": None} | PARTS[options.part](folder) | {"peak_gib": peak_gib()}
@@ -199,6 +216,8 @@ def main():
     parser.add_argument("--side", type=int, help="crossings along a side; by default 32, 100 and 316 in turn")
     parser.add_argument("--part", choices=[*PARTS, "training", "plans"], help="by default all but plans")
     parser.add_argument("--planner", default="forecast", help="of plans")
+    parser.add_argument("--waits", choices=["gates", "signals"], help="of plans: what every tenth street has")
+    parser.add_argument("--futures", type=int, help="of plans; by default as many as the planner takes")
     parser.add_argument("--rounds", type=int, help="of training; by default the preset's")
     parser.add_argument("--walks", type=int, default=200, help="of the comparison after training")
     parser.add_argument("--destinations", type=int, help="that training learns; by default the preset's")
@@ -216,7 +235,7 @@ def main():
             parts = [*known, options.part] if options.part else [*PARTS, "training"]
             for part in dict.fromkeys(parts):
                 again = ["--here", "--part", part, "--side", str(side), "--folder", str(folder)]
-                for name in ("walks", "rounds", "destinations", "planner"):
+                for name in ("walks", "rounds", "destinations", "planner", "waits", "futures"):
                     again += [f"--{name}", str(getattr(options, name))] if getattr(options, name) else []
                 done = subprocess.run([sys.executable, __file__, *again], check=True, stdout=subprocess.PIPE, text=True)
                 if part != "invent":
