@@ -4,6 +4,7 @@
     python benchmarks/scale.py --side 316 --part training --rounds 8
     python benchmarks/scale.py --side 316 --part plans --planner forecast
     python benchmarks/scale.py --side 316 --part plans --waits gates
+    python benchmarks/scale.py --side 500 --part serving         what a server does, in seconds of a core
 
 Towns are invented (`streets.py`). Their scenario is the one that `sidestep new` writes, with their streets and longer
 horizons: 160 paired sensors crowd a smaller part of larger towns. Every part runs in a process of its own, so that its
@@ -15,10 +16,12 @@ import json
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time, thread_time
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +30,7 @@ from streets import write
 
 from sidestep.agent.presets import preset_for
 from sidestep.agent.runs import train
+from sidestep.crowds.live import LiveCount, LiveCounts
 from sidestep.environment.cost_to_go import expected_cost_to_go
 from sidestep.evaluation.compare import compare
 from sidestep.network.formats import load_town, save_town
@@ -34,6 +38,7 @@ from sidestep.network.osm import import_osm
 from sidestep.planners.base import walk_plan
 from sidestep.planners.learned import trained_darp
 from sidestep.planners.registry import choose_planners, find_planner
+from sidestep.routing.request import RouteError
 from sidestep.routing.router import Router
 from sidestep.scenarios.episodes import instances, random_destinations
 from sidestep.scenarios.futures import make_environment
@@ -191,6 +196,39 @@ def plans(folder, planner, waits, futures, kilometres=2.0):
     return found
 
 
+def serving(folder):
+    """Quick routes, each to another destination, and going on from counts, as on a server: ms and s of a core."""
+    begun = process_time()
+    router = Router(folder / "scenario.toml")
+    network, found = draw_map(router.scenario, 0).network, {"loaded_seconds": process_time() - begun}
+    now = datetime.now(UTC).replace(minute=30, second=0, microsecond=0)
+    clock, quick = router.clock(now.replace(tzinfo=None)), router.quick
+    quick.route(0, 1, clock)
+    found |= {"segments": network.segments, "first_route_seconds": process_time() - begun}
+    position, rng = np.asarray(network.position), np.random.default_rng(1)
+    for kilometres in ((1, 2), (2.5, 5), (0, np.inf)):
+        times = []
+        while len(times) < PAIRS:
+            one, other = rng.integers(0, network.nodes, 2).tolist()
+            if np.isfinite(kilometres[1]):  # few places are near each other by chance
+                away = np.linalg.norm(position - position[one], axis=1) / 1_000
+                other = int(rng.choice(np.flatnonzero((away >= kilometres[0]) & (away < kilometres[1]))))
+            at = thread_time()
+            with suppress(RouteError):  # farther than the horizon
+                quick.route(one, other, clock)
+                times.append(1e3 * (thread_time() - at))
+        found["{}-{} km".format(*kilometres)] = {"median_ms": float(np.median(times)), "worst_ms": max(times)}
+    for name in ("first", "later"):
+        begins, at = now - timedelta(hours=1), process_time()
+        counts = tuple(LiveCount(sensor, begins, 3600.0, 700.0) for sensor in router.sensors)
+        router.go_on_from(LiveCounts(counts, "UTC"), now.replace(tzinfo=None))
+        found[f"{name}_going_on_seconds"] = process_time() - at
+    at = thread_time()
+    quick.route(0, 1, clock)
+    found["route_after_counts_ms"] = 1e3 * (thread_time() - at)
+    return found
+
+
 PARTS = {"invent": invent, "import": importing, "load": loading, "routes": routes, "costs-to-go": costs_to_go}
 
 
@@ -204,6 +242,8 @@ def part_of(options):
     folder = Path(options.folder)
     if options.part == "training":
         return training(folder, options.rounds, options.walks, options.destinations)
+    if options.part == "serving":
+        return serving(folder) | {"peak_gib": peak_gib()}
     if options.part == "plans":
         return plans(folder, options.planner, options.waits, options.futures)
     if options.part == "invent":
@@ -214,7 +254,9 @@ def part_of(options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--side", type=int, help="crossings along a side; by default 32, 100 and 316 in turn")
-    parser.add_argument("--part", choices=[*PARTS, "training", "plans"], help="by default all but plans")
+    parser.add_argument(
+        "--part", choices=[*PARTS, "training", "plans", "serving"], help="by default all but the last two"
+    )
     parser.add_argument("--planner", default="forecast", help="of plans")
     parser.add_argument("--waits", choices=["gates", "signals"], help="of plans: what every tenth street has")
     parser.add_argument("--futures", type=int, help="of plans; by default as many as the planner takes")

@@ -8,23 +8,26 @@ streets that may be on its path. Who walks a part of a street takes that share o
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 from jaxtyping import Float
 
-from sidestep.network.graph import ABSENT, SHUT
+from sidestep.network.graph import ABSENT, SHUT, RoadNetwork
 from sidestep.network.snapping import SAME_NODE, Snapper, StreetPoint, piece_of
 from sidestep.routing.clocks import TownClock
 from sidestep.routing.directions import Leg, Step, bearings, directions, opening_word
 from sidestep.routing.request import RouteError, at_fault
 from sidestep.routing.street_times import Row, StreetTimes, Tables
-from sidestep.scenarios.maps import ScenarioMap
 
 GOAL = -1
 """Stands for the first place in the middle of a street where walks end; numbers below it are the others."""
 MOST_EXITS = 64
 """Sets of streets that may be walked, of which each is kept: one for each restricted area, and kind to exclude."""
+
+DETOUR, SPARE = 2.0, 120.0
+"""Times the straight line, and seconds besides: how far least times to the end of a walk are worked out at first.
+Routes do not depend on it: where that is not enough, those of farther nodes follow."""
 
 End = int | StreetPoint
 """A crossing, or a place on a street."""
@@ -68,21 +71,21 @@ class QuickRouter:
 
     Parameters
     ----------
-    scenario_map
-        Streets and crowds.
+    network
+        Streets.
     snapper
-        The streets of the map with their names and coordinates.
+        The same with their names and coordinates.
     tables
         Expected times on them.
     """
 
-    def __init__(self, scenario_map: ScenarioMap, snapper: Snapper, tables: Tables) -> None:
-        network = scenario_map.network
+    def __init__(self, network: RoadNetwork, snapper: Snapper, tables: Tables) -> None:
         self.snapper, self.tables = snapper, tables
         self._street, self._backwards = (each.tolist() for each in snapper.town.street_of_segment())
         self._length, self._tail, self._head = (
             np.asarray(each).tolist() for each in (network.length, network.tail, network.head)
         )
+        self._position = np.asarray(network.position)
         self._owner = network.owners().tolist()
         self._enters = None if network.enters is None else np.asarray(network.enters).tolist()
         self._area = None if network.area is None else np.asarray(network.area).tolist()
@@ -194,6 +197,13 @@ class QuickRouter:
         apart = abs(one.fraction - other.fraction) * float(self.snapper.town.length[one.street])
         return one.street == other.street and apart < SAME_NODE
 
+    def _straight(self, one: End, other: End) -> float:
+        """Metres between two ends, or the first crossings of their streets."""
+        tail = self.snapper.town.tail
+        return math.dist(
+            *(self._position[each if isinstance(each, int) else tail[each.street]] for each in (one, other))
+        )
+
     def _shares(self, point: StreetPoint) -> list[tuple[int, float]]:
         """The segments along a place's street, each with the share of its length that lies before the place."""
         return [
@@ -232,6 +242,10 @@ class QuickRouter:
     ) -> list[list[Piece] | None]:
         """Search for the earliest arrivals (Dijkstra); at a single place guided by the least times to it (A*).
 
+        Least times are worked out within reach of the walk, and farther as soon as an arrival is no sooner than they
+        reach. Until then no node is looked at from which they are not exact, so routes, and which one of several that
+        take as long, are those that least times over the whole town lead to.
+
         Parameters
         ----------
         table, clock
@@ -260,10 +274,12 @@ class QuickRouter:
                 bounds.append((destination, 0.0))
         potentials: list[tuple[Row, float]]
         if len(destinations) > 1 or not bounds:
-            potentials = [([0.0] * len(exits), 0.0)]
+            within, potentials = math.inf, [([0.0] * len(exits), 0.0)]
         else:
-            potentials = [(table.potential(node), further) for node, further in bounds]
+            within = SPARE + DETOUR * table.pace * self._straight(origin, destinations[0])
+            potentials = [(table.potential(node, within), further) for node, further in bounds]
         (ahead, beyond), *others = potentials
+        reach = clock + within
         gated = {} if table.gates is None else table.gates.of_segment
         arrival: dict[int, float] = {}
         via: dict[int, Piece | int] = {}
@@ -272,8 +288,11 @@ class QuickRouter:
         def come(node: int, piece: Piece) -> None:
             if piece.leaves < arrival.get(node, math.inf):
                 arrival[node], via[node] = piece.leaves, piece
-                least = 0.0 if node < 0 else min(bound[node] + further for bound, further in potentials)
-                heappush(heap, (piece.leaves + least, piece.leaves, node))
+                heappush(heap, estimate(node, piece.leaves))
+
+        def estimate(node: int, at: float) -> tuple[float, float, int]:
+            least = 0.0 if node < 0 else min(bound[node] + further for bound, further in potentials)
+            return at + least, at, node
 
         if isinstance(origin, int):
             arrival[origin] = clock
@@ -291,8 +310,18 @@ class QuickRouter:
         same = [self._is_same(origin, each) for each in destinations]
         missing = {goal for goal, stays in zip(goals, same, strict=True) if not stays}
         while heap and missing:
-            _, at, node = heappop(heap)
+            total, at, node = heappop(heap)
             if node in done:
+                continue
+            if total >= reach:
+                if within == math.inf:  # no path leads from here
+                    break
+                within = 2 * within if within < table.lasts else math.inf
+                reach = clock + within
+                potentials = [(table.potential(end, within), further) for end, further in bounds]
+                (ahead, beyond), *others = potentials
+                heap = [estimate(node, at) for node, at in arrival.items() if node not in done]
+                heapify(heap)
                 continue
             done.add(node)
             missing.discard(node)

@@ -474,7 +474,7 @@ class Router:
             On grids, which have no coordinates (field ``format``).
         """
         town = self._in_town
-        return QuickRouter(self._map, town.snapper, Tables(self.scenario, self._map, town.paces))
+        return QuickRouter(self._map.network, town.snapper, Tables(self.scenario, self._map, town.paces))
 
     @property
     def _in_town(self) -> TownLocator:

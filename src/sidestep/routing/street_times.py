@@ -57,7 +57,7 @@ class StreetTimes:
     density: Float[np.ndarray, "segment slot"]
     """Expected persons/m²."""
     slot_seconds: float
-    _potentials: "OrderedDict[int, Row]" = field(default_factory=OrderedDict)
+    _potentials: "OrderedDict[int, tuple[float, Row]]" = field(default_factory=OrderedDict)
     _lock: Lock = field(default_factory=Lock)
 
     @property
@@ -89,28 +89,47 @@ class StreetTimes:
         first = np.append(True, (np.diff(tail) != 0) | (np.diff(head) != 0))  # of parallel segments the fastest
         return csr_array((least[first], (head[first], tail[first])), shape=(network.nodes, network.nodes))
 
-    def potential(self, node: int) -> Row:
+    @property
+    def lasts(self) -> float:
+        """Seconds from clock 0 to the last step."""
+        return self.step_seconds * len(self.seconds)
+
+    @cached_property
+    def pace(self) -> float:
+        """The fewest seconds for a metre, in the mean over all metres."""
+        return float(self.least.sum() / np.asarray(self.network.length).sum(dtype=np.float64))
+
+    def prepare(self) -> None:
+        """Work out what the first search would."""
+        _ = self.rows, self._backwards  # kept from now on
+
+    def potential(self, node: int, within: float = math.inf) -> Row:
         """A lower bound of the seconds from every node to one of them, whatever the clock: what guides a search.
 
         Parameters
         ----------
         node
             Where walks end.
+        within
+            Seconds up to which bounds are the least times themselves. From nodes farther away the bound is as much, or
+            more where more was asked for before: a large town is not searched as a whole for a short walk.
 
         Returns
         -------
         Row
-            One number for each node; infinite where no path leads to it.
+            One number for each node; infinite where no path leads to it, unless bounds have an end.
         """
         with self._lock:
-            if node in self._potentials:
+            farthest, found = self._potentials.get(node, (-math.inf, []))
+            if farthest >= within:
                 self._potentials.move_to_end(node)
-                return self._potentials[node]
+                return found
         from scipy.sparse.csgraph import dijkstra
 
-        found: Row = np.ascontiguousarray(dijkstra(self._backwards, indices=node)).data  # type: ignore[assignment]
+        seconds = dijkstra(self._backwards, indices=node, limit=within)
+        found = np.minimum(seconds, within, out=seconds).data
         with self._lock:
-            self._potentials[node] = found
+            self._potentials[node] = within, found
             while len(self._potentials) * 8 * self.network.nodes > POTENTIALS:
                 self._potentials.popitem(last=False)
         return found
@@ -278,6 +297,7 @@ class Tables:
             if (found := self._look_up(hour)) is not None:
                 return found
             found = street_times(self._scenario, self._map, hour, self._paces.at(self._scenario, hour))
+            found.prepare()
             with self._lock:
                 self._kept[hour] = found
         return found
@@ -306,7 +326,9 @@ class Tables:
             Seconds from then on until departures know of no count any more.
         """
         here = replace(self._map, flow=flow, test_flow=flow)
-        self._live = clock, street_times(self._scenario, here, clock.hour, None), min(lasts, AHEAD)
+        table = street_times(self._scenario, here, clock.hour, None)
+        table.prepare()  # in this thread: in a large town the first route would take a third of a second
+        self._live = clock, table, min(lasts, AHEAD)
 
     def forget_counts(self) -> None:
         """From now on, let crowds be those of the hour of the week."""
