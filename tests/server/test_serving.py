@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import logging
 import os
 import re
 import signal
@@ -322,6 +323,10 @@ def test_workers(start, tmp_path: Path) -> None:
     (told,) = re.findall(r'sidestep_requests_total\{.*coordinates.*status="200"\} (\S+)', metrics)
     assert float(told) == CONNECTIONS
     assert httpx.put(f"{server.url}/clock", json={"now": "2026-01-01T00:00:00"}).status_code == 401
+    os.kill(workers[1], signal.SIGSTOP)  # it hangs: nothing tells whether it would ever go on
+    while b"State:\tT" not in Path(f"/proc/{workers[1]}/status").read_bytes():
+        time.sleep(0.01)
+    time.sleep(1)  # by now the first process waits for its answer
     os.killpg(server.process.pid, signal.SIGINT)  # a terminal tells all of them
     assert server.process.wait(30) == 0
     assert not any(Path(f"/proc/{each}").exists() for each in workers)
@@ -416,6 +421,18 @@ def test_packages_that_are_missing(package: str) -> None:
     assert done.returncode == cli.BAD_INPUT
     assert done.stderr.count("\n") == 1
     assert "sidestep[serve]" in done.stderr
+
+
+def test_json_logs_say_why_a_server_does_not_start(small_town, capsys: pytest.CaptureFixture) -> None:
+    options = "--logs", "json", "--port", "0", "--store", "mysql://a/b"
+    try:
+        assert cli.run(["serve", str(small_town), *options]) == cli.BAD_INPUT
+        (line,) = capsys.readouterr().err.splitlines()
+        assert (json.loads(line)["levelname"], json.loads(line)["field"]) == ("ERROR", "store")
+    finally:
+        for name in ("sidestep", "sidestep.access", "uvicorn"):
+            logging.getLogger(name).handlers.clear()
+            logging.getLogger(name).propagate = True
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])

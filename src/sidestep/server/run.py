@@ -1,12 +1,14 @@
 """Listening: sockets, processes, logs, and a graceful stop."""
 
-import logging
+import logging.config
 import math
 import os
 import signal
 import socket
 import sys
 import tempfile
+import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -32,6 +34,8 @@ SPREADS = sys.platform == "linux"
 """Whether the system spreads connections over several sockets of one address."""
 STOPPING = 10
 """Seconds that requests under way have to end after Ctrl-C or SIGTERM."""
+ENDING = STOPPING + 2
+"""Seconds after which workers are ended that have not ended themselves: those that hang never would."""
 HANGING = 60
 """Seconds after which a worker that says nothing is ended, and another begun: on a busy machine imports take long."""
 _log = logging.getLogger("sidestep.server")
@@ -55,8 +59,20 @@ def run(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], N
         A scenario that cannot be served, a key that cannot be used, an address that cannot be listened on (field
         ``port``).
     SystemExit
-        After SIGTERM, with status 0.
+        After SIGTERM, with status 0; instead of the error above, where all that is said is JSON, with status 2.
     """
+    if not as_json:
+        _listen_until_told(settings, port, as_json=False, said=said)
+        return
+    logging.config.dictConfig(log_config(as_json=True))
+    try:
+        _listen_until_told(settings, port, as_json=True, said=said)
+    except SidestepError as error:
+        _log.error(str(error), extra={"field": error.field})
+        raise SystemExit(2) from None
+
+
+def _listen_until_told(settings: Settings, port: int, *, as_json: bool, said: Callable[[str], None]) -> None:
     key = settings.key()
     with suppress(KeyboardInterrupt), _listen(settings.host, port) as listening:
         shown = f"[{settings.host}]" if ":" in settings.host else settings.host
@@ -143,6 +159,8 @@ class _Workers(Multiprocess):
             self._reserved = _reserved(host, port)
             listening = cast("socket.socket", _OwnSocket(host, port))
         super().__init__(config, [listening])
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._stop)
 
     def init_processes(self) -> None:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they inherit it; until they are told how to stop
@@ -154,6 +172,18 @@ class _Workers(Multiprocess):
         if self._ready is not None and any(each.is_ready() for each in self.processes):
             self._ready()
             self._ready = None
+
+    def _stop(self, *_: object) -> None:
+        threading.Thread(target=self._end, name="ending", daemon=True).start()
+
+    def _end(self) -> None:
+        self.should_exit.set()
+        for each in self.processes:
+            with suppress(OSError):  # closed already
+                each.child_conn.send(False)  # for one that hangs, for whose answer the main thread may be waiting
+        time.sleep(ENDING)
+        for each in self.processes:
+            each.process.kill()
 
 
 class _OwnSocket(NamedTuple):
