@@ -324,7 +324,7 @@ def test_areas_that_are_none(refused, avoid: dict) -> None:
 
 
 def test_areas_that_are_too_large_to_keep(refused) -> None:
-    area = {"type": "Polygon", "coordinates": [[[0.0001, 0.0001 + number / 1e7] for number in range(2000)]]}
+    area = {"type": "Polygon", "coordinates": [[[0.0001, 0.0001 + number / 1e7] for number in range(3000)]]}
     body = {"origin": [0.0001, 0.0001], "destination": [0.0026, 0.0026], "avoid": area}
     assert refused("/walks", "POST", json=body).status_code == 413
 

@@ -4,7 +4,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin
@@ -293,6 +293,16 @@ def test_a_walk_to_its_end(client: httpx.Client) -> None:
     assert (said["arrived"], said["next"], said["route"]) == (True, None, None)
     assert client.delete(f"/walks/{said['id']}").status_code == 204
     assert client.get(f"/walks/{said['id']}").status_code == 404
+
+
+def test_walks_that_an_older_server_began_have_ended(client: httpx.Client) -> None:
+    said, store = begun(client), client.app.state.town.store
+    state = store.get_walk(said["id"], datetime.now(UTC))
+    del state["format"], state["own_time"]
+    store.put_walk(said["id"], state, datetime.now(UTC) + timedelta(minutes=1))
+    url = f"/walks/{said['id']}"
+    for answer in (client.get(url), client.post(f"{url}/position", json={"location": WEST})):
+        assert (answer.status_code, answer.json()["field"]) == (404, "id")
 
 
 def test_a_crowd_that_is_seen_changes_the_plan(client: httpx.Client) -> None:

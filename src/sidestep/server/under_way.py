@@ -23,9 +23,11 @@ from sidestep.server.store import LONGEST_WALK
 from sidestep.server.town import FEW, ServedTown
 
 MOST_WALKS = 10_000
-"""Walks that are kept; anybody may begin some, and each takes 20 to 40 kB for an hour."""
-LARGEST_AREA = 20_000
+"""Walks that are kept; anybody may begin some, and each takes 20 to 40 kB for an hour, and its areas besides."""
+LARGEST_AREA = 50_000
 """Bytes of the areas that a walk keeps out of."""
+FORMAT = 1
+"""Of what is kept of a walk; walks that a server with another one began are not gone on with."""
 TRIES = 3
 """Of changing a walk that somebody else changes at the same time."""
 MOST_AHEAD = 16
@@ -105,6 +107,7 @@ def begin(served: ServedTown, asked: Begun) -> dict[str, Any]:
     walk_id = secrets.token_hex(16)
     expires = datetime.now(UTC) + LONGEST_WALK
     state = {
+        "format": FORMAT,
         "dated": asked.depart_at is not None,
         "departs": served.clock.instant.replace(second=0, microsecond=0).isoformat(),
         "walker": asked.walker,
@@ -220,6 +223,8 @@ def _found(served: ServedTown, walk_id: str) -> dict[str, Any]:
     state = served.store.get_walk(walk_id, datetime.now(UTC))
     if state is None:
         raise ProblemError(404, "no such walk: it has ended, or its hour is over; begin another", field="id")
+    if state.get("format") != FORMAT:
+        raise ProblemError(404, "another version of the server began this walk; begin another", field="id")
     return state
 
 

@@ -37,7 +37,7 @@ export function along(line, metres) {
   return line.at(-1);
 }
 
-/** A closed ring, to the centimetre: walks keep areas of 20,000 bytes at most. */
+/** A closed ring, to the centimetre: walks keep areas of 50,000 bytes at most. */
 const closed = (points) => [...points, points[0]].map((point) => point.map((degrees) => Number(degrees.toFixed(7))));
 
 /** A rectangle along each straight part of a line, which ends some metres (a third of a short line) before its ends. */
