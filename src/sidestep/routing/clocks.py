@@ -112,7 +112,8 @@ class TownClock:
             )
         ahead, every = self._ahead(given, field)
         if every is None and ahead < 0:
-            raise RouteError(f"{called(field)} is before the first; give a later time", field=field)
+            said = f"{called(field)} is {-ahead / 60:,.0f} minutes before {self.date:%Y-%m-%d %H:%M}"
+            raise RouteError(f"{said}; give a later time", field=field)
         if every is None:
             return ahead
         later = ahead % every

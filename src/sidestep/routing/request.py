@@ -292,7 +292,9 @@ def read_place(field: str, given: object) -> Place | None:
     raise RouteError(f"{said}, not {given.strip()!r:.60}", field=field)
 
 
-def read_departure(given: object, field: str = "depart", today: date | None = None) -> Departure | None:
+def read_departure(
+    given: object, field: str = "depart", today: date | None = None, *, grids: bool = True
+) -> Departure | None:
     """Read a departure, or an arrival.
 
     Parameters
@@ -303,6 +305,8 @@ def read_departure(given: object, field: str = "depart", today: date | None = No
         For errors: the parameter that it is of.
     today
         The day of texts that are times of day alone; None leaves it open.
+    grids
+        Whether the error speaks of grids.
 
     Returns
     -------
@@ -332,8 +336,9 @@ def read_departure(given: object, field: str = "depart", today: date | None = No
             if found[1] is None and today is not None:
                 return datetime.combine(today, of_day)
             return TimeOfWeek(of_day, None if found[1] is None else _day(found[1]))
-    said = f"{called(field)} must be a local time such as 2025-05-24T12:30, Fri 17:30 or 17:30, or minutes on a grid"
-    raise RouteError(f"{said}, not {given!r:.60}", field=field)
+    said = f"{called(field)} must be a local time such as 2025-05-24T12:30, Fri 17:30 or 17:30"
+    also = ", or minutes on a grid" if grids else ""
+    raise RouteError(f"{said}{also}, not {given!r:.60}", field=field)
 
 
 def called(field: str) -> str:

@@ -161,9 +161,9 @@ async def _departures(served: ServedTown, asked: Window) -> Response:
             .when(
                 *ends,
                 depart=depart,
-                until=read_departure(asked.until, "until"),
+                until=read_departure(asked.until, "until", grids=False),
                 step=asked.step,
-                arrive_by=read_departure(asked.arrive_by, "arrive_by"),
+                arrive_by=read_departure(asked.arrive_by, "arrive_by", grids=False),
                 planner=asked.planner,
                 futures=number,
                 avoid=asked.avoid,

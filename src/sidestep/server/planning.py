@@ -257,7 +257,7 @@ def _planned_walks(
         raise ProblemError(400, said, field="coordinates", code="NotImplemented")
     router = served.variants.router(options.walker, options.objective)
     origin, destination = (point.place for point in points)
-    deadline = read_departure(options.arrive_by, "arrive_by")
+    deadline = read_departure(options.arrive_by, "arrive_by", grids=False)
     some_week = isinstance(deadline, TimeOfWeek) and deadline.day is not None
     # What is past cannot be walked.
     depart = None if some_week and options.depart_at is None else served.asked("depart_at", options.depart_at)

@@ -162,7 +162,7 @@ class ServedTown:
         with at_fault(field):
             if given is None:
                 return router.clock(self._now() if router.flow.timed else None)
-            return router.clock(read_departure(given, today=self.clock.wall))
+            return router.clock(read_departure(given, today=self.clock.wall, grids=False))
 
     def _now(self) -> datetime:
         """Now, with an offset where the town has a timezone: of an hour that its clocks show twice only that tells."""
@@ -189,7 +189,7 @@ class ServedTown:
         if given is None:
             # Minute by minute, what is expected is kept.
             return self._now().replace(second=0, microsecond=0) if self.router.flow.timed else None
-        return read_departure(given, field, self.clock.wall)
+        return read_departure(given, field, self.clock.wall, grids=False)
 
     @cached_property
     def streets(self) -> dict[str, Any]:
@@ -243,7 +243,7 @@ class ServedTown:
         """Read a local time to the second, as :meth:`asked`."""
         if given is None:
             return self._now() if self.router.flow.timed else None
-        return read_departure(given, field)
+        return read_departure(given, field, grids=False)
 
     def futures(self, planner: str | None, asked: int, times: int = 1) -> int:
         """Find out how many futures are simulated, as :func:`~sidestep.server.effort.futures_of`."""
