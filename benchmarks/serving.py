@@ -176,13 +176,14 @@ def main() -> None:
     options.add_argument("--osrm", type=Path, help="the folder of the package osrm-bindings")
     options.add_argument("--extract", type=Path, help="central Helsinki, for OSRM")
     options.add_argument("--requests", type=int, default=4000)
+    options.add_argument("--store", help="an empty PostgreSQL database; by default a new file")
     options.add_argument("--many", type=int, default=0, help="requests after which memory is measured again")
     given = options.parse_args()
     rows: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         serve = [sys.executable, "-m", "sidestep", "serve", given.scenario, "--rate", "1000000"]
         port = free_port()
-        serve += ["--port", str(port), "--store", str(Path(folder) / "store.db")]
+        serve += ["--port", str(port), "--store", given.store or str(Path(folder) / "store.db")]
         kinds = kinds_of(BOUNDS)
         for workers in given.workers:
             with server([*serve, "--workers", str(workers)], port) as process:
