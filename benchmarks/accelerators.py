@@ -37,7 +37,7 @@ def walkers(case, number):
     import jax
 
     from sidestep.agent.presets import preset
-    from sidestep.agent.train import _iterate, prepare, uniform_draws
+    from sidestep.agent.train import _between_moves, prepare, uniform_draws
     from sidestep.programs import program
     from sidestep.scenarios.builtin import scenario
     from sidestep.scenarios.maps import draw_map
@@ -53,7 +53,8 @@ def walkers(case, number):
 
     @program(donate=("state",))
     def run(where, state, draws):
-        return jax.lax.scan(partial(_iterate, config, where), state, draws)
+        spans = draws.reshape(-1, config.span, draws.shape[1])
+        return jax.lax.scan(partial(_between_moves, config, where), state, spans)
 
     state, _ = jax.block_until_ready(run(where, state, uniform_draws(config, [0], 0)))
     first, drawing, took = perf_counter() - began, [], []
@@ -63,7 +64,7 @@ def walkers(case, number):
         drawing.append(perf_counter() - began)
         state, reports = jax.block_until_ready(run(where, state, draws))
         took.append(perf_counter() - began)
-        assert math.isfinite(float(reports.loss[-1])), "the loss is not finite"
+        assert math.isfinite(float(reports.loss[-1, -1])), "the loss is not finite"
     seconds = statistics.median(took)
     yield {
         "number": number,

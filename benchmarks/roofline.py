@@ -157,7 +157,7 @@ def training_iteration(name):
 
     from sidestep.agent.acting import ACTING_DRAWS
     from sidestep.agent.presets import preset
-    from sidestep.agent.train import _iterate, prepare, train_round, uniform_draws
+    from sidestep.agent.train import _between_moves, _iterate, prepare, train_round, uniform_draws
     from sidestep.scenarios.builtin import scenario
     from sidestep.scenarios.maps import draw_map
 
@@ -166,7 +166,11 @@ def training_iteration(name):
     where, _, state = prepare(config, problem, draw_map(problem, 0), uniform_draws(config, [0], 0, start=True))
     draws = jnp.zeros(config.walkers * ACTING_DRAWS + config.batch)
     moved = replace(state, replay=None, kept=None)
-    counts = counted(partial(_iterate, config, where), state, draws, moved=(moved, moved, draws))
+    if config.span == 1:
+        iteration, draws = partial(_between_moves, config, where), draws[None]
+    else:  # the target network seldom moves
+        iteration = partial(_iterate, config, where, where.evaluated(config, state.learner.target))
+    counts = counted(iteration, state, draws, moved=(moved, moved, draws))
     times = []
     for rounds in (1, 5):  # the difference leaves out the test walks
         longer = config.changed(round_steps=rounds * PRESETS[name])
