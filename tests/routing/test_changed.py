@@ -57,7 +57,7 @@ def answers(place) -> Callable[..., list[Any]]:
 
 
 @settings(
-    max_examples=6, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate]
+    max_examples=4, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate]
 )  # shrinking would take long
 @given(
     walker=st.sampled_from([ADULT, OLDER, SLOW]),
