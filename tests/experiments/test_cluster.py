@@ -1,11 +1,13 @@
 """Sweeps on a real scheduler of Dask with real workers, by the commands of examples/deploy/compose.yaml."""
 
+import asyncio
 import os
 import re
 import shutil
 import signal
 import socket
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -79,7 +81,6 @@ def test_a_cluster_whose_worker_is_killed_finds_what_this_machine_finds(small, d
     address, (_, *workers) = dask(2)
     process = start("sweep", file, "--scheduler", address, "--out", "out")
     until(lambda: list(out.glob("*default/checkpoint*")))  # the workers have this folder as well
-    until(lambda: list(out.glob("*default/checkpoint*")))  # the workers have this folder as well
     (busy,) = children(workers[0].pid)  # of its nanny, which starts another
     os.kill(busy, signal.SIGKILL)
     stdout, stderr = process.communicate(timeout=120)
@@ -147,6 +148,32 @@ def test_certificates_that_are_missing_or_wrong_are_named(small, tmp_path, wrong
     with settings.set({f"distributed.comm.tls.{name}": file for name, file in wrong.items()}):
         assert said in refused("tls://127.0.0.1:1", study, tmp_path / "out")
     assert "tls://" in refused("tcp://127.0.0.1:1", study, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_no_scheduler_is_said_to_be_none(small, monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(cluster, "PATIENCE", 1.0)
+    study = read_study(small(tmp_path))
+
+    def asked(server: socket.socket) -> str:
+        return refused(f"tcp://127.0.0.1:{server.getsockname()[1]}", study, tmp_path / "out")
+
+    def answer(server: socket.socket) -> None:
+        with server.accept()[0] as connection:
+            connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+            connection.recv(1)
+
+    async def in_a_notebook(server: socket.socket) -> str:
+        return asked(server)
+
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        assert "connected, but nothing came" in asked(silent)
+        assert "connected, but nothing came" in asyncio.run(in_a_notebook(silent))
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as full, socket.create_connection(full.getsockname()):
+        assert "connected" not in asked(full)  # as behind a firewall, nobody answers
+    with socket.create_server(("127.0.0.1", 0)) as page:
+        threading.Thread(target=answer, args=(page,)).start()
+        assert "web server" in asked(page)
     assert not (tmp_path / "out").exists()
 
 

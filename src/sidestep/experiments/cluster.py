@@ -48,15 +48,17 @@ def connected(address: str) -> "Iterator[Client]":
     """
     try:
         from distributed import Client
+        from distributed.utils import LoopRunner
     except ImportError as error:
         said = "--scheduler takes Dask distributed: pip install 'sidestep[cluster]'"
         raise SidestepError(said, field="scheduler") from error
     for name in ("core", "client"):  # what goes wrong is said below, in one sentence
         logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
     try:
-        asyncio.run(_answers(address))
+        # As the client does, also where a loop runs already, such as in notebooks.
+        LoopRunner().run_sync(_answers, address)  # type: ignore[no-untyped-call]
         client = Client(address, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
+    except (OSError, ValueError, TypeError, RuntimeError, ImportError, MemoryError) as error:
         raise SidestepError(f"--scheduler {address!r:.80}: {_why_not(address, error)}", field="scheduler") from error
     with client:
         yield client
@@ -120,8 +122,9 @@ async def _answers(address: str) -> None:
     from distributed.comm.core import connect
 
     arguments = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
+    connecting = connect(address, timeout=PATIENCE, **arguments)  # type: ignore[no-untyped-call]
     try:
-        comm = await asyncio.wait_for(connect(address, timeout=PATIENCE, **arguments), PATIENCE)  # type: ignore[no-untyped-call]
+        comm = await asyncio.wait_for(connecting, PATIENCE + 1)  # later than it gives up connecting by itself
     except TimeoutError as error:
         raise TimeoutError(f"connected, but nothing came in {PATIENCE:g} s") from error
     comm.abort()
@@ -138,6 +141,8 @@ def _why_not(address: str, error: Exception) -> str:
         why = "distributed.comm.require-encryption is on here, so the address must begin with tls://"
     elif isinstance(error.__cause__, ConnectionResetError):
         why = "no scheduler answers there without certificates; one that has them has an address with tls://"
+    elif isinstance(error, MemoryError):
+        why = "what answers there is no scheduler, but perhaps a web server"  # whose words were read as a length
     else:
         why = None
     return why or f"no scheduler answers there: {' '.join(str(error).split()) or type(error).__name__:.200}"
