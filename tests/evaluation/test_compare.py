@@ -6,12 +6,14 @@ import jax
 import numpy as np
 import pytest
 
+from sidestep.environment.types import EnvParams, Instance
 from sidestep.evaluation import compare as comparing
 from sidestep.evaluation.compare import Comparison, compare
-from sidestep.planners.base import Planned, routes, walk_plan
+from sidestep.planners.base import Plan, Planned, routes, walk_plan
 from sidestep.planners.random import RandomWalk
 from sidestep.planners.registry import PlannerError, PlannerFactory, choose_planners, find_planner
 from sidestep.planners.shortest_path import ShortestPath
+from sidestep.planners.time_dependent import Expected
 from sidestep.scenarios.builtin import scenario
 from sidestep.scenarios.episodes import instances
 from sidestep.scenarios.futures import make_environment
@@ -310,6 +312,19 @@ def test_of_long_days_what_plans_do_not_get_to_is_not_worked_out(monkeypatch) ->
     assert 3600.0 < enough < 3 * 3600.0
     assert too_few < 1200.0
     assert for_these == whole == np.inf
+
+
+def test_a_planner_that_plans_otherwise_than_its_base_class_walks_its_own_plans() -> None:
+    class AnyWay(Expected):
+        name = "any-way"
+
+        def plan(self, params: EnvParams, instances: Instance) -> Plan:
+            exits = np.zeros((len(instances.origin), params.network.nodes, 4), bool)
+            return Plan(None, exits)  # any exit, at random
+
+    planners = choose_planners(LONG, []).factories | {AnyWay.name: lambda *_: AnyWay()}
+    records = compare(LONG, planners, maps=(1,), walks=3).records
+    assert records[AnyWay.name].minutes.mean() > records["expected"].minutes.mean()
 
 
 @pytest.mark.parametrize(

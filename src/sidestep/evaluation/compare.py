@@ -15,7 +15,7 @@ from jaxtyping import Array, Int, Key
 from sidestep.arguments import COUNT, FUNCTION, INDEX, MINUTES, SEED, Rule, brief, checked, each
 from sidestep.environment.types import LEVELS, EnvParams, Information, Instance
 from sidestep.evaluation.metrics import RESAMPLES, Record, Row, join_records, summarise
-from sidestep.planners.base import Plan, Planner, PlanningAhead, walk_plan
+from sidestep.planners.base import Plan, Planner, plans_ahead, walk_plan
 from sidestep.planners.registry import A_NAME, BASELINE, BOUND, REFERENCE, PlannerError, PlannerFactory
 from sidestep.scenarios import episodes
 from sidestep.scenarios.expectation import expected_pace
@@ -313,14 +313,14 @@ def _walk_map(
 def _first_slots(scenario: Scenario, level: Information, expecting: list[Planner]) -> int | None:
     """Slots that expected times are worked out for at first; None: for all of them from the beginning."""
     slots = math.ceil((scenario.departures[1] + FIRST_SECONDS) / scenario.slot_seconds)
-    ahead = level in _BELOW_MAP and all(isinstance(planner, PlanningAhead) for planner in expecting)
+    ahead = level in _BELOW_MAP and all(map(plans_ahead, expecting))
     few = ahead and not objective_of(scenario.objective).needs_density and 2 * slots <= scenario.slots
     return slots if few else None
 
 
 def _plan_within(planner: Planner, params: EnvParams, todo: Instance) -> Plan | None:
     """A plan by those expected times that were worked out; None where they are too few."""
-    return planner.plan_within(params, todo) if isinstance(planner, PlanningAhead) else planner.plan(params, todo)
+    return planner.plan_within(params, todo) if plans_ahead(planner) else planner.plan(params, todo)
 
 
 def most_at_once(scenario: Scenario, scenario_map: ScenarioMap, destinations: int | None) -> int:

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, TypeVar, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -131,7 +131,6 @@ class Remembering(Planner, Protocol):
     """What it remembers of a node before it leaves it: like ``decide`` a function without side effects, and static."""
 
 
-@runtime_checkable
 class PlanningAhead(Planner, Protocol):
     """A planner that knows how far ahead it looks, and so does without expected times that come later."""
 
@@ -148,6 +147,12 @@ class PlanningAhead(Planner, Protocol):
         Plan or None
             What :meth:`plan` makes where all of them are known; None where they are too few for that.
         """
+
+
+def plans_ahead(planner: Planner) -> TypeGuard[PlanningAhead]:
+    """Whether a planner says how far its own plans look; those of a class that changes ``plan`` may look farther."""
+    methods = (name for each in type(planner).__mro__ for name in ("plan_within", "plan") if name in vars(each))
+    return next(methods, None) == "plan_within"
 
 
 class WalkError(SidestepError):
