@@ -91,7 +91,7 @@ class StreetTimes:
 
     @property
     def lasts(self) -> float:
-        """Seconds from clock 0 to the last step."""
+        """Seconds from clock 0 to the end of the last step."""
         return self.step_seconds * len(self.seconds)
 
     @cached_property
