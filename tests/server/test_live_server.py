@@ -141,7 +141,7 @@ def streets(said: dict[str, Any]) -> list[str]:
 
 
 def plan_by(listener: Listener, way: str) -> None:
-    """Wait for a plan by one of two ways; a busy process may say the plan of before once more, until it has the counts."""
+    """Wait for a plan by one of two ways; until it has the counts, a busy process may say the plan of before again."""
     while (found := streets(listener.next("plan"))) != ["Gate", way, "Quay"]:
         assert found in (["Gate", other, "Quay"] for other in ("Back Road", "Long Street"))
 

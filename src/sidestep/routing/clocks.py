@@ -1,5 +1,6 @@
 """When: the times that people give, in seconds since clock 0, and clocks in the words of people."""
 
+import math
 from dataclasses import dataclass, replace
 from datetime import MAXYEAR, datetime, time, timedelta
 from pathlib import Path
@@ -112,7 +113,8 @@ class TownClock:
             )
         ahead, every = self._ahead(given, field)
         if every is None and ahead < 0:
-            said = f"{called(field)} is {-ahead / 60:,.0f} minutes before {self.date:%Y-%m-%d %H:%M}"
+            before = f"{-ahead / 60:,.0f} minutes" if ahead < -90 else f"{math.ceil(-ahead)} seconds"
+            said = f"{called(field)} is {before} before {self.date:%Y-%m-%d %H:%M}"
             raise RouteError(f"{said}; give a later time", field=field)
         if every is None:
             return ahead

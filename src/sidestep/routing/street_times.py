@@ -130,6 +130,7 @@ class StreetTimes:
         found = np.minimum(seconds, within, out=seconds).data
         with self._lock:
             self._potentials[node] = within, found
+            self._potentials.move_to_end(node)
             while len(self._potentials) * 8 * self.network.nodes > POTENTIALS:
                 self._potentials.popitem(last=False)
         return found

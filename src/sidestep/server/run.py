@@ -179,7 +179,7 @@ class _Workers(Multiprocess):
     def _end(self) -> None:
         self.should_exit.set()
         for each in self.processes:
-            with suppress(OSError):  # closed already
+            with suppress(OSError, TypeError):  # closed already, or just now
                 each.child_conn.send(False)  # for one that hangs, for whose answer the main thread may be waiting
         time.sleep(ENDING)
         for each in self.processes:
