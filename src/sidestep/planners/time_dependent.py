@@ -31,6 +31,9 @@ LEAST_GROUPS = 8
 LEAST_GROUP_SIZE = 4
 """Least number of nodes in a group."""
 
+ROUNDING = 1e-6
+"""Share by which times may differ that are the same but for rounding."""
+
 Leave = Callable[[Int[Array, ""], Float[Array, ""]], Float[Array, ""]]
 """The clock at which a segment is left, given the segment and the clock at which its tail is reached."""
 
@@ -109,11 +112,13 @@ def earliest_arrivals(
         segment, head = segment.reshape(-1), network.exit_node[node].reshape(-1)
         better = (there < arrival[head]) & (there < limit(arrival))
         arrival = arrival.at[jnp.where(better, head, none)].min(there, mode="drop")
-        # Number `none` lies beyond the last node, so what is set there is dropped.
-        reached = jnp.where(better & (there == arrival[head]), head, none)
+        # Number `none` lies beyond the last node, so what is set there is dropped. XLA may compute a time once for each
+        # use, and not always round it alike.
+        soonest = arrival[head]
+        reached = jnp.where(better & (there <= soonest * (1 + ROUNDING)), head, none)
         via = via.at[reached].set(segment, mode="drop")
-        due = due.at[reached // size, reached % size].set(there, mode="drop")
-        return arrival, via, due, least.at[reached // size].min(there, mode="drop")
+        due = due.at[reached // size, reached % size].set(soonest, mode="drop")
+        return arrival, via, due, least.at[reached // size].min(soonest, mode="drop")
 
     start = jnp.full(none, jnp.inf).at[origin].set(departure)
     due = start.reshape(groups, size)

@@ -16,7 +16,7 @@ from sidestep.environment.types import EnvParams
 from sidestep.network.graph import ABSENT, RoadNetwork
 from sidestep.planners.base import Planner
 from sidestep.planners.shortest_path import ShortestPath, metres_at
-from sidestep.planners.time_dependent import earliest_arrivals, leaving, steps_in_slot
+from sidestep.planners.time_dependent import ROUNDING, earliest_arrivals, leaving, steps_in_slot
 from sidestep.routing.located import Located, OnSegments
 from sidestep.scenarios.futures import make_environment
 from sidestep.walking.objective import Crossing
@@ -62,7 +62,7 @@ def least_costs(
         cost, seconds = (at_clock(each, slot_seconds, clock[tail], every) for each in (crossed.cost, crossed.seconds))
         there = jnp.where(goes, label[tail] + cost, jnp.inf)
         best = label.at[head].min(there)
-        reached = jnp.where((there == best[head]) & (there < label[head]), head, network.nodes)
+        reached = jnp.where((there <= best[head] * (1 + ROUNDING)) & (there < label[head]), head, network.nodes)
         clock = clock.at[reached].set(clock[tail] + seconds, mode="drop")
         return best, clock, via.at[reached].set(every, mode="drop"), (best < label).any()
 
