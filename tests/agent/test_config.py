@@ -35,6 +35,7 @@ DEFAULT, MAP = PRESETS["default"], preset("default", "map")
         ({"epsilon_share": 0.0}, "epsilon_share"),
         ({"random_origins": 1.1}, "random_origins"),
         ({"round_steps": 100}, "round_steps"),  # 64 walkers
+        ({"rounds": 2**31}, "round_steps"),
         ({"capacity": 20_000}, "capacity"),
         ({"n_step": 0}, "n_step"),
         ({"n_step": 41}, "n_step"),  # 40 iterations

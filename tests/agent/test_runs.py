@@ -16,7 +16,7 @@ from sidestep import programs
 from sidestep.agent import checkpoint, problem, runs
 from sidestep.agent.checkpoint import CheckpointError
 from sidestep.agent.config import TrainConfig, TrainConfigError
-from sidestep.agent.metrics import is_running, read_metrics
+from sidestep.agent.metrics import METRICS, is_running, read_metrics
 from sidestep.agent.presets import preset
 from sidestep.agent.runs import TrainingRun, train
 from sidestep.errors import SidestepWarning
@@ -379,11 +379,21 @@ def test_a_large_state_is_saved_less_often(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(runs, "save", slowly)
     monkeypatch.setattr(runs, "SAVE_SECONDS", 0.0)
-    for share, expected in ((math.inf, [1, 2, 3, 4]), (1e-4, [1, 4])):
+    for share, expected in ((math.inf, [1, 2, 3, 4]), (1e-4, [1, 2, 4])):
         saved.clear()
         monkeypatch.setattr(runs, "SAVE_SHARE", share)
         train(PROBLEM, CONFIG, seed=4, index=2, out=tmp_path)
         assert saved == expected
+
+
+def test_a_training_that_saved_nothing_begins_again(straight: Straight, tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError) as error:
+        train(PROBLEM, CONFIG, seed=4, index=2, out=tmp_path, resume=True)
+    assert error.value.field == "model.eqx"
+    (tmp_path / METRICS).touch()  # killed in its first round
+    run = train(PROBLEM, CONFIG, seed=4, index=2, out=tmp_path, resume=True)
+    for begun, expected in zip(whole(run), straight.states[-1], strict=True):
+        np.testing.assert_array_equal(begun, expected)
 
 
 @pytest.mark.parametrize("rounds", [3, 4])  # unfinished and finished

@@ -109,6 +109,14 @@ def test_bad_input_gets_a_sentence(sidestep, tmp_path, args: str) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("option", [["--out", ""], ["--out="], [""]])
+def test_empty_arguments_are_no_folder(sidestep, option: list[str], tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = sidestep("train", "paper-congested", "--side", 3, "--rounds", 1, *option)
+    assert (done.returncode, done.stdout, list(tmp_path.iterdir())) == (2, "", [])
+    assert ("--out" if option != [""] else "argument") in done.stderr
+
+
 def test_a_place_in_two_words_is_shown_in_one(sidestep) -> None:
     assert "60.17,24.94" in sidestep("route", "helsinki", "--from", "60.17", "24.94").stderr
     assert "-36.85,174.76" in sidestep("route", "helsinki", "--to", "-36.85", "174.76").stderr

@@ -28,6 +28,10 @@ def _at_most_futures(field: str) -> Any:
     return across(field, lambda number, given: number <= given["futures"], "must be at most futures")
 
 
+_MOST_STEPS = 2**31
+"""Steps are counted in 32 bits."""
+
+
 class TrainConfigError(SpecError):
     """A setting that is missing, unknown, out of range or at odds with another; ``field`` names it."""
 
@@ -147,6 +151,11 @@ class TrainConfig(Spec):
     """Deployed and in test walks: follow the level's estimate at crossings that this walk has left before. Estimates
     never lead in circles; learned corrections may."""
 
+    _countable = across(
+        "round_steps",
+        lambda steps, given: steps * given["rounds"] < _MOST_STEPS,
+        f"must be less than {_MOST_STEPS:,} in all rounds together",
+    )
     _whole_round = _multiple_of_walkers("round_steps")
     _whole_ring = _multiple_of_walkers("capacity")
     _return_in_round = across(

@@ -25,6 +25,7 @@ from sidestep.agent.checkpoint import (
 from sidestep.agent.config import TrainConfig, TrainConfigError, differences
 from sidestep.agent.memory import check_memory
 from sidestep.agent.metrics import MetricsFile, RoundMetrics, open_metrics
+from sidestep.agent.run_folders import holds_training
 from sidestep.agent.tracking import EventFile, check_tracking, remove_events
 from sidestep.agent.train import RoundReport, TrainState, training_rounds
 from sidestep.arguments import COUNT, FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
@@ -37,7 +38,7 @@ from sidestep.scenarios.model import A_SCENARIO, Scenario
 SAVE_SECONDS = 2.0
 """Least time between two checkpoints, s."""
 SAVE_SHARE = 0.005
-"""Largest share of its time that a training spends on saving, but for the first and the last checkpoint: the
+"""Largest share of its time that a training spends on saving, but for the first two checkpoints and the last one: the
 larger they are, the longer it waits."""
 KEEP_CHECKPOINTS = 2
 """Checkpoints that stay in the folder: should the latest be damaged, the training goes on from the one before."""
@@ -182,6 +183,7 @@ def train(
     """
     out = None if out is None else Path(out)
     _check_folder(out, resume=resume, overwrite=overwrite, track=track)
+    resume = resume and not _saved_nothing(out)
     drawn = draw_training_map(scenario, seed, index)
     # What nobody can learn is refused before anything is written.
     destinations_of(drawn, config.destinations)
@@ -222,6 +224,11 @@ def train(
     return run
 
 
+def _saved_nothing(folder: Path | None) -> bool:
+    """Whether a training was stopped before it saved anything: to go on with it is to begin."""
+    return folder is not None and holds_training(folder) and not checkpoints(folder) and not (folder / MODEL).exists()
+
+
 @contextmanager
 def _opened(path: Path, keep: int, *, track: bool) -> Iterator["_Folder"]:
     """Keep other trainings out of a folder."""
@@ -240,7 +247,7 @@ class _Folder:
     def __init__(self, path: Path, metrics: MetricsFile, keep: int, *, track: bool) -> None:
         self._path, self._metrics, self._keep, self._track = path, metrics, keep, track
         self.events: EventFile | None = None
-        self._save_at = -math.inf
+        self._save_at, self._fastest = -math.inf, math.inf
 
     def begin(self, metadata: Metadata) -> float:
         """Clear away what the rounds so far did not write, and say how many seconds these took."""
@@ -260,7 +267,11 @@ class _Folder:
         if run.metadata.finished or began > self._save_at:
             save(run, self._path, self._keep)
             ended = perf_counter()
-            self._save_at = ended + max(SAVE_SECONDS, (ended - began) / SAVE_SHARE)
+            wait = SAVE_SECONDS
+            if self._save_at > 0:  # the first one takes longer than others, and any may by chance
+                self._fastest = min(self._fastest, ended - began)
+                wait = max(wait, self._fastest / SAVE_SHARE)
+            self._save_at = ended + wait
 
 
 def _line(

@@ -70,7 +70,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         The exit status: 2 on bad input, 130 on Ctrl-C, after one sentence on standard error.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if said := _place_in_two(given) or _time_in_two(given):
+    if said := _empty(given) or _place_in_two(given) or _time_in_two(given):
         return _complain(BAD_INPUT, said)
     try:
         app(arguments, exit_on_error=False, print_error=False)
@@ -85,6 +85,15 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as stop:
         return _complain(INTERRUPTED, str(stop) or "stopped; everything saved so far is kept")
     return 0
+
+
+def _empty(arguments: Sequence[str]) -> str:
+    """What to say of an empty argument, which as a folder would be the working one; "" if there is none."""
+    words = [part for argument in arguments for part in _OPTION.sub("\\1\0", argument, count=1).split("\0", 1)]
+    if "" not in words:
+        return ""
+    before = words[words.index("") - 1] if words[0] else ""
+    return f"{before if before.startswith('--') else 'an argument'} is empty; give a value, or leave it out"
 
 
 def _place_in_two(arguments: Sequence[str]) -> str:
