@@ -390,6 +390,7 @@ class _Grid:
                 if one in value[:number]:  # 1 and 1.0 are one setting, and would be two folders
                     both = f"{shown(value[value.index(one)])} and {shown(one)}"
                     said = f"{key}.{name} must all be different, and {both} are the same; leave one out"
+                    said += f", or write [{shown(list(value))}] for one value that is a list"
                     raise _Mistake(self._place(key, name), said)
         for combination in product(*several.values()):
             listed = dict(zip(several, combination, strict=True))
