@@ -24,8 +24,7 @@ from sidestep.agent.checkpoint import (
 )
 from sidestep.agent.config import TrainConfig, TrainConfigError, differences
 from sidestep.agent.memory import check_memory
-from sidestep.agent.metrics import MetricsFile, RoundMetrics, open_metrics
-from sidestep.agent.run_folders import holds_training
+from sidestep.agent.metrics import METRICS, MetricsFile, RoundMetrics, open_metrics
 from sidestep.agent.tracking import EventFile, check_tracking, remove_events
 from sidestep.agent.train import RoundReport, TrainState, training_rounds
 from sidestep.arguments import COUNT, FLAG, FUNCTION, INDEX, PATH, SEED, checked, instance
@@ -226,7 +225,11 @@ def train(
 
 def _saved_nothing(folder: Path | None) -> bool:
     """Whether a training was stopped before it saved anything: to go on with it is to begin."""
-    return folder is not None and holds_training(folder) and not checkpoints(folder) and not (folder / MODEL).exists()
+    return folder is not None and (folder / METRICS).exists() and not _has_model(folder)
+
+
+def _has_model(folder: Path) -> bool:
+    return bool(checkpoints(folder)) or (folder / MODEL).exists()
 
 
 @contextmanager
@@ -305,8 +308,8 @@ def _check_folder(folder: Path | None, *, resume: bool, overwrite: bool, track: 
         if resume or overwrite or track:
             word = "resume" if resume else "overwrite" if overwrite else "track"
             raise CheckpointError(f"to {word} a training, give the folder of its model: --out", field="out")
-    elif not (resume or overwrite) and ((there := checkpoints(folder)) or (folder / MODEL).exists()):
-        onward = "go on with it (--resume), " if there else ""
+    elif not (resume or overwrite) and _has_model(folder):
+        onward = "go on with it (--resume), " if checkpoints(folder) else ""
         said = f"{folder} has a model already: {onward}replace it (--overwrite) or choose another folder with --out"
         raise CheckpointError(said, field="out")
 

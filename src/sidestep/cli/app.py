@@ -89,7 +89,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _empty(arguments: Sequence[str]) -> str:
     """What to say of an empty argument, which as a folder would be the working one; "" if there is none."""
-    words = [part for argument in arguments for part in _OPTION.sub("\\1\0", argument, count=1).split("\0", 1)]
+    words = _words(arguments)
     if "" not in words:
         return ""
     before = words[words.index("") - 1] if words[0] else ""
@@ -108,11 +108,16 @@ def _place_in_two(arguments: Sequence[str]) -> str:
 
 def _time_in_two(arguments: Sequence[str]) -> str:
     """What to say of a time without quotes, such as ``--depart 2025-05-24 17:30``; "" if there is none."""
-    words = [part for argument in arguments for part in _OPTION.sub("\\1\0", argument, count=1).split("\0", 1)]
+    words = _words(arguments)
     for option, day, clock in zip(words, words[1:], words[2:], strict=False):
         if option in ("--depart", "--until", "--arrive-by", "--at") and _DAY.fullmatch(day) and _CLOCK.fullmatch(clock):
             return f'{option} {day} {clock}: write day and time in quotes, {option} "{day} {clock}"'
     return ""
+
+
+def _words(arguments: Sequence[str]) -> list[str]:
+    """Options and their values one by one, also of ``--option=value``."""
+    return [part for argument in arguments for part in _OPTION.sub("\\1\0", argument, count=1).split("\0", 1)]
 
 
 def _complain(status: int, sentence: str) -> int:
